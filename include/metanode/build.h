@@ -1,0 +1,193 @@
+/* From a mesh file to a view-dependence tree to a .mnt.
+ *
+ * Threads: each call belongs to its caller's thread and shares nothing; two builds may run at once.
+ * All of them block on files. Everything that a call hands out is freed by its own _free. */
+#ifndef METANODE_BUILD_H
+#define METANODE_BUILD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "metanode/format.h"
+#include "metanode/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- meshes ------------------------------------------------------------------------------- */
+
+/* What reading kept, rejected and noticed (design.md §3.1). input_faces counts triangles, after
+ * fans and strips: input_faces = triangles + duplicate + degenerate + nonfinite. */
+typedef struct mn_intake {
+    uint64_t input_faces, duplicate_faces, degenerate_faces, nonfinite_faces, misoriented_faces;
+    uint64_t unused_vertices, welded_vertices, merged_positions;
+} mn_intake;
+
+/* A triangle mesh in memory: all vertices are used, every triangle has three different ones. */
+typedef struct mn_mesh {
+    uint32_t vertices;
+    uint32_t triangles;
+    float *position;  /* 3 × vertices, relative to origin */
+    uint32_t *color;  /* vertices × RGBA8 (R in the low byte), or NULL */
+    uint32_t *corner; /* 3 × triangles */
+    double origin[3];
+    mn_intake intake;
+    double seconds_read;
+    uint64_t bytes_read;
+} mn_mesh;
+
+typedef enum mn_weld { MN_WELD_ON = 0, MN_WELD_OFF = 1 } mn_weld;
+typedef enum mn_reader { MN_READER_OWN = 0, MN_READER_OPENMESH = 1 } mn_reader;
+
+/* Called now and then from long work: done of total, in `unit`s of the phase. NULL: silence.
+ * Returning false asks the work to stop: it then fails with MN_FAILED "interrupted". */
+typedef bool (*mn_progress)(void *context, const char *phase, uint64_t done, uint64_t total);
+
+typedef struct mn_read_desc {
+    mn_weld weld;           /* default on; STL is always welded */
+    mn_reader reader;       /* default: ours; .om always goes through OpenMesh's helper */
+    uint64_t ram_bytes;     /* memory that reading may take, result included; 0: no bound.
+                               Exceeding it is MN_CAP_TOO_SMALL, said before it is allocated */
+    const char *helper_dir; /* where metanode-openmesh lies; NULL: beside the running program */
+    mn_progress progress;
+    void *progress_context;
+} mn_read_desc;
+
+/* Reads PLY, STL, OBJ, OFF (and .om), deciding by content. On failure *out is zeroed. */
+mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, mn_status *st);
+/* Writes binary little-endian PLY under a temporary name, syncs, renames. */
+mn_code mn_mesh_write_ply(const char *path, const mn_mesh *mesh, mn_status *st);
+void mn_mesh_free(mn_mesh *mesh);
+
+/* ---- the view-dependence tree ------------------------------------------------------------- */
+
+typedef struct mn_build_counts { /* for build --json */
+    uint64_t nonmanifold_edges, boundary_edges, components;
+    uint64_t collapses_by_stage[4];
+    uint64_t order_violations;
+    uint64_t rounds; /* 1 in memory */
+    double seconds_simplify;
+} mn_build_counts;
+
+/* A view-dependence tree (or forest), in memory. Leaf order ids are leaf ids: depth-first, left
+ * first. Inner node i (collapse i, in order) has order id leaves + i. A node's position is that of
+ * its leaf_lo. Simplices stand sorted by kill node, inside one by input order, hinges last. */
+typedef struct mn_tree {
+    uint32_t leaves;
+    uint32_t inner;     /* collapses; inner = leaves - roots */
+    uint32_t simplices; /* triangles + hinges */
+    uint32_t triangles;
+    uint32_t roots;
+    uint32_t legal_last;
+    uint32_t depth_max;
+    mn_metric metric;
+    double origin[3];
+    float *leaf_position;                   /* 3 × leaves */
+    uint32_t *leaf_color;                   /* leaves, or NULL */
+    uint32_t *left, *right;                 /* inner: order ids of the children */
+    uint32_t *leaf_lo, *leaf_mid, *leaf_hi; /* inner: left [lo, mid), right [mid, hi) */
+    float *switch_value, *radius;           /* inner: error; sphere about the node's position */
+    mn_cone *cone;                          /* inner */
+    uint32_t *root;                         /* roots: order ids, by leaf_lo */
+    uint32_t *simplex_start;                /* inner + 1 */
+    uint32_t *corner; /* 3 × simplices: leaf ids in the input's cyclic order; a hinge's third is
+                         MN_NONE */
+    mn_intake intake;
+    mn_build_counts counts;
+} mn_tree;
+
+typedef struct mn_simplify_desc {
+    mn_metric metric;        /* default qem */
+    uint64_t ram_bytes;      /* 0: no bound. Too small: MN_CAP_TOO_SMALL names what would do */
+    uint32_t stop_triangles; /* stop when at most so many are left: for benches only; 0: never */
+    mn_progress progress;
+    void *progress_context;
+} mn_simplify_desc;
+
+/* Simplifies the mesh to its roots. The mesh is not changed. On failure *out is zeroed. */
+mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out, mn_status *st);
+/* Bytes that mn_simplify needs at its peak for a mesh of that size, the tree included. */
+uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles);
+/* Structure: intervals nest, order ids rise, switch values and bounds nest, every simplex has a
+ * corner in each child of its kill node. MN_BAD_INPUT names the node. Used before writing and
+ * after reading. */
+mn_code mn_tree_check(const mn_tree *tree, mn_status *st);
+void mn_tree_free(mn_tree *tree);
+
+mn_code mn_tree_write(const char *path, const mn_tree *tree, mn_status *st); /* .vdt */
+mn_code mn_tree_read(const char *path, mn_tree *out, mn_status *st);
+
+/* ---- blocks ------------------------------------------------------------------------------- */
+
+typedef struct mn_block_desc {
+    mn_blocking blocking; /* default packed */
+    uint32_t l;           /* levels only; 0: 5; 1 … 16 */
+    uint32_t block_bytes; /* packed only; 0: 16384; a multiple of 4096 in 4096 … 1 MiB */
+    mn_progress progress;
+    void *progress_context;
+} mn_block_desc;
+
+typedef struct mn_block_counts {
+    double seconds_block;
+    uint64_t bytes_written;
+} mn_block_counts;
+
+/* Cuts the tree into blocks and writes a .mnt: temporary name, sync, rename. */
+mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_desc *desc,
+                       mn_header *header, mn_block_counts *counts, mn_status *st);
+
+/* ---- looking at a file --------------------------------------------------------------------- */
+
+typedef struct mn_verify_result {
+    uint64_t blocks, nodes, simplices, triangles, hinges;
+    uint64_t matched_triangles; /* with against: those found in the input, cyclic order kept */
+} mn_verify_result;
+
+/* Reads the whole .mnt (or .vdt): header, every block once, structure across blocks, and with
+ * `against` (may be NULL) that full detail is that mesh, triangle for triangle, and each hinge an
+ * edge of it. MN_BAD_INPUT names the first thing that is wrong. */
+mn_code mn_verify(const char *path, const mn_mesh *against, mn_verify_result *out, mn_status *st);
+
+/* Rebuilds the tree that a .mnt (or .vdt) holds, whole, in memory. */
+mn_code mn_tree_load(const char *path, mn_tree *out, mn_status *st);
+
+typedef enum mn_extract { MN_EXTRACT_FULL = 0, MN_EXTRACT_TRIANGLES, MN_EXTRACT_ERROR } mn_extract;
+typedef struct mn_extract_desc {
+    mn_extract what;
+    uint64_t
+        triangles; /* MN_EXTRACT_TRIANGLES: the prefix front with the most that are at most this */
+    float error;   /* MN_EXTRACT_ERROR: settled front of this tolerance, model units */
+} mn_extract_desc;
+/* The mesh of a front of the tree. owner (may be NULL): receives vertices × order ids of the
+ * active nodes, malloc'd, the caller frees. */
+mn_code mn_tree_extract(const mn_tree *tree, const mn_extract_desc *desc, mn_mesh *out,
+                        uint32_t **owner, mn_status *st);
+
+/* Distances between surfaces: area-uniform samples on one, nearest point on the other. */
+typedef struct mn_compare_result {
+    double mean_ab, mean_ba, rms, max;
+    uint64_t samples; /* a side */
+} mn_compare_result;
+mn_code mn_mesh_compare(const mn_mesh *a, const mn_mesh *b, uint64_t samples, uint64_t seed,
+                        mn_compare_result *out, mn_status *st);
+
+/* ---- models of any size -------------------------------------------------------------------- */
+
+typedef enum mn_shape { MN_SHAPE_SPHERE = 0, MN_SHAPE_TERRAIN, MN_SHAPE_ISOSURFACE } mn_shape;
+typedef struct mn_make_desc {
+    mn_shape shape;
+    uint64_t triangles; /* about so many; 0: 100,000 */
+    uint64_t seed;      /* same desc: same bytes */
+    mn_progress progress;
+    void *progress_context;
+} mn_make_desc;
+/* Streams a binary PLY to path in memory that does not grow with the model (terrain, sphere) or
+ * grows like one slice of it (isosurface). */
+mn_code mn_make(const char *path, const mn_make_desc *desc, mn_status *st);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,150 @@
+/* Navigating a .mnt under a cap.
+ *
+ * A session is one open file with its store, its front and its I/O thread. Two sessions fit in one
+ * process. Threads: all calls on a session belong to one thread (Navigate, the one that owns GL);
+ * the I/O thread is the session's own. Only mn_session_open (and, with barrier or io_serial,
+ * mn_session_frame) waits for a disk. Nothing is allocated after mn_session_open returns. */
+#ifndef METANODE_RUNTIME_H
+#define METANODE_RUNTIME_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "metanode/format.h"
+#include "metanode/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- cameras and paths ---------------------------------------------------------------------- */
+
+/* Positions relative to the file's origin, model units. */
+typedef struct mn_camera {
+    float eye[3], target[3], up[3];
+    float fov_y_deg;
+} mn_camera;
+
+typedef struct mn_path mn_path;
+/* name: "orbit", "dive", "flyover", or a path file (docs/paths.md). Copies what it needs of the
+ * header. Freed by mn_path_close. */
+mn_code mn_path_open(const char *name, const mn_header *header, float fov_y_deg, mn_path **out,
+                     mn_status *st);
+/* The camera of frame `frame` of `frames`: a pure function, the same on every machine and run. */
+void mn_path_camera(const mn_path *path, uint32_t frame, uint32_t frames, mn_camera *out);
+uint32_t mn_path_frames(const mn_path *path); /* as recorded in a path file; 0: any number */
+void mn_path_close(mn_path *path);
+
+/* ---- sessions ------------------------------------------------------------------------------- */
+
+typedef enum mn_store_kind { MN_STORE_PAGED = 0, MN_STORE_MAPPED, MN_STORE_RESIDENT } mn_store_kind;
+typedef enum mn_io_kind { MN_IO_URING = 0, MN_IO_PREAD, MN_IO_SIM } mn_io_kind;
+enum { MN_K_FROM_RAM = 0, MN_K_MIN = -1 };
+
+/* Faults of the simulated disk, each a chance in 1,000 a read. */
+typedef struct mn_sim_desc {
+    uint32_t delay_us_max; /* virtual; 0: 200 */
+    uint32_t reorder, short_read, eio, eagain, corrupt, misplaced;
+    uint32_t fault_frames; /* faults stop after so many frames; 0: never */
+} mn_sim_desc;
+
+/* Everything that happens to a place holder, for a trace; called under the pool lock: no locks, no
+ * allocation, no blocking in it. Set once at open. */
+typedef void (*mn_trace_hook)(void *context, uint32_t event, uint32_t block_id, uint32_t slot,
+                              uint32_t generation, uint32_t value);
+
+typedef struct mn_session_desc {
+    const char *path;
+    uint64_t ram_bytes;  /* cap of the whole process; 0: none (K and front from defaults) */
+    uint64_t base_bytes; /* what the process already takes that the plan must count besides
+                            its own baseline (a GL driver is reported apart); 0: none */
+    int64_t k;           /* MN_K_FROM_RAM, MN_K_MIN, or a number of place holders */
+    mn_store_kind store;
+    mn_io_kind io;
+    bool io_serial; /* all commands of a frame done, in order, before the next */
+    bool barrier;   /* each frame's camera stands until nothing changes and nothing is read */
+    bool degrade_off;
+    uint64_t seed; /* of the simulated disk */
+    mn_sim_desc sim;
+    float tolerance_px;           /* 0: 1.0 */
+    uint32_t width_px, height_px; /* 0: 1280 × 720 */
+    uint64_t nav_ops;             /* operations a frame; 0: no limit */
+    float fps;                    /* virtual time a frame with sim; 0: free */
+    uint32_t front_max;           /* active nodes; 0: from the cap */
+    bool wide_front_over_wanted;  /* resident: compute front_over_wanted each frame (slow) */
+    mn_trace_hook trace;
+    void *trace_context;
+    void (*warn)(void *context, const char *text); /* one line; NULL: silence. Only during open */
+    void *warn_context;
+} mn_session_desc;
+
+/* What the cap was turned into. Sums to at most ram_bytes. */
+typedef struct mn_plan {
+    uint64_t ram_cap_bytes, planned_bytes;
+    uint64_t base_bytes; /* code, stacks, libc, kernel memory */
+    uint64_t pool_bytes, front_bytes, tables_bytes, board_bytes;
+    uint32_t k, k_min, front_max, simplices_max;
+    uint64_t ram_min_bytes; /* the smallest cap that would work with this K rule */
+} mn_plan;
+
+typedef struct mn_frame_stats {
+    uint32_t frame;
+    uint64_t splits, collapses, adapt;
+    uint64_t misses, refused_front, refused_budget, refused_pool, waits_dependency;
+    uint64_t active_nodes, triangles;
+    double nav_ms, tolerance_px, error_px, front_over_wanted; /* the last NaN when not computed */
+    uint64_t reads, read_bytes, evictions, second_chances, prefetches;
+    uint64_t front_hash; /* XXH3 of the sorted active order ids */
+    uint32_t blocks_in_use, blocks_resident;
+    bool changed; /* something was split, collapsed or still waits for a read */
+} mn_frame_stats;
+
+/* Totals since open; the keys of replay --json that are not a summary over frames. */
+typedef struct mn_session_stats {
+    uint64_t frames, misses, adapt, refused_front, refused_budget, refused_pool, waits_dependency;
+    uint64_t commands, commands_loaded, commands_resident, commands_given_up, commands_failed;
+    uint64_t reads, read_bytes, second_chances, prefetches, prefetches_given_up;
+    uint64_t urgent_up, urgent_down, urgent_down_refused, evictions;
+    uint64_t checksum_failures, io_errors, foldovers, foldovers_legal;
+} mn_session_stats;
+
+typedef struct mn_session mn_session;
+
+mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status *st);
+void mn_session_plan(const mn_session *session, mn_plan *out);
+const mn_header *mn_session_header(const mn_session *session);
+/* One frame: evaluate, collapse, split, ask for blocks. Never waits for a disk (barrier and
+ * io_serial excepted). stats may be NULL. */
+void mn_session_frame(mn_session *session, const mn_camera *camera, mn_frame_stats *stats);
+/* Frames with a standing camera until nothing changes and nothing is read, at most frames_max.
+ * Returns the frames that it took. Waits for the disk between them. */
+uint32_t mn_session_settle(mn_session *session, const mn_camera *camera, uint32_t frames_max);
+void mn_session_set_tolerance(mn_session *session, float tolerance_px); /* INFINITY: to the roots */
+bool mn_session_at_roots(const mn_session *session);
+void mn_session_stats_get(const mn_session *session, mn_session_stats *out);
+/* All invariants of design.md §6 that a front and a pool can show, by full recount. Asserts. */
+void mn_session_check(mn_session *session);
+/* Counts active triangles whose normal has a negative dot product with their input triangle's. */
+uint64_t mn_session_foldovers(const mn_session *session, bool *below_legal_last);
+void mn_session_close(mn_session *session);
+
+/* The mesh of the current frame, as the renderer wants it. Pointers live until the next frame.
+ * Node slots are stable while a node is active; slots that are not active hold stale data. */
+typedef struct mn_front {
+    uint32_t node_slots;
+    const float *position;     /* 3 × node_slots */
+    const uint32_t *color;     /* node_slots, RGBA8, or NULL */
+    const float *switch_value; /* node_slots; for level-of-detail colours */
+    uint32_t simplex_slots;
+    const uint32_t *simplex_node; /* 3 × simplex_slots: node slots; [3s] MN_NONE: slot is empty;
+                                     [3s+2] MN_NONE: a hinge, not drawn */
+    const uint32_t *simplex_leaf; /* 3 × simplex_slots: leaf ids, the input triangle */
+    uint64_t triangles;
+} mn_front;
+void mn_session_front(const mn_session *session, mn_front *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,94 @@
+/* The meaning of a block: several subtrees of the view-dependence tree, in columns of bits.
+ *
+ * The decoder hides column widths and bases: callers see indices and values. A view is pointers
+ * into the block's bytes and lives only while they stay (a place holder pinned, a file mapped).
+ * Threads: a view is read-only; any thread may open its own. Nothing here allocates or blocks.
+ * docs/format.md gives the bytes.
+ *
+ *   block = frame (frame.h: checks, reference table) | block head | columns … | zero padding
+ *
+ * Inner nodes stand in one numbering a block, children after parents; node 0 … nodes-1. A leaf has
+ * no record of its own: what there is of it (right_position, right_color) stands with its parent.
+ */
+#ifndef MNI_BLOCK_H
+#define MNI_BLOCK_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "metanode/format.h"
+
+/* Where a child is. */
+typedef enum mni_child_kind {
+    MNI_CHILD_LEAF = 0, /* its record is the parent's */
+    MNI_CHILD_INNER,    /* node `node` of the same block */
+    MNI_CHILD_SUBTREE,  /* subtree `subtree` of the block refs[ref] of the frame */
+} mni_child_kind;
+typedef struct mni_child {
+    mni_child_kind kind;
+    uint32_t node;    /* INNER */
+    uint32_t ref;     /* SUBTREE: index in the frame's reference table */
+    uint32_t subtree; /* SUBTREE */
+} mni_child;
+
+/* An inner node. Its leaf_lo, leaf_hi and position are its parent's business (a left child has the
+ * parent's leaf_lo and position, a right child begins at the parent's leaf_mid). */
+typedef struct mni_node {
+    uint32_t order; /* order id */
+    uint32_t leaf_mid;
+    float switch_value, radius;
+    mn_cone cone;
+    float right_position[3]; /* of the right child, that is of leaf leaf_mid */
+    uint32_t right_color;    /* RGBA8; 0xffffffff in a model without colours */
+    mni_child left, right;
+    uint32_t simplex_first, simplex_count; /* killed here; in this block's numbering */
+    uint32_t overflow_ref;                 /* reference of the first overflow block, or MN_NONE */
+} mni_node;
+
+/* The root of a subtree, with what it needs of its parent to decide about a collapse. */
+typedef struct mni_subtree {
+    uint32_t node; /* its inner node */
+    uint32_t leaf_lo, leaf_hi;
+    float position[3];
+    uint32_t color;
+    uint32_t parent_order; /* MN_NONE for a root of the forest */
+    float parent_switch_value, parent_radius;
+    mn_cone parent_cone;
+} mni_subtree;
+
+enum { MNI_BLOCK_COLUMNS = 40 }; /* at most; the decoder's table */
+typedef struct mni_column {
+    const uint8_t *bits;
+    uint32_t width; /* bits a value, 0 … 32 */
+    uint32_t base;  /* added to what the bits say, modulo 2^32 */
+} mni_column;
+
+typedef struct mni_block {
+    uint32_t nodes, subtrees, simplices;
+    bool has_colors;
+    mni_column column[MNI_BLOCK_COLUMNS];
+} mni_block;
+
+/* Bounds that a block of this file must respect. */
+typedef struct mni_block_limits {
+    uint32_t leaves, nodes; /* of the file: header.leaves, header.nodes */
+    uint64_t file_bytes;
+    bool has_colors;
+} mni_block_limits;
+
+/* Opens a view of bytes whose frame has been checked, and checks everything in it that one block
+ * can show: columns inside the block, children a forest of the subtrees, intervals nested, order
+ * ids falling, switch values and radii nested and finite, each simplex with one corner in each
+ * child of its node and the third outside the node. false: why (may be NULL) gets one phrase.
+ * O(block). */
+bool mni_block_open(mni_block *view, const void *bytes, uint32_t length_bytes,
+                    const mni_block_limits *limits, char *why, uint32_t why_bytes);
+/* As mni_block_open, of bytes that passed it before: decodes the head and checks nothing. O(1). */
+void mni_block_reopen(mni_block *view, const void *bytes);
+
+void mni_block_node(const mni_block *view, uint32_t node, mni_node *out);
+void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out);
+/* Three leaf ids in the input's cyclic order; the third is MN_NONE for a hinge. */
+void mni_block_simplex(const mni_block *view, uint32_t simplex, uint32_t corner[3]);
+
+#endif

@@ -1,0 +1,2 @@
+#include "block.h"
+typedef int mni_empty_unit;

@@ -1,0 +1,16 @@
+/* mn_fail: the one place where an error text is made. Any thread; owns nothing. */
+#include "metanode/status.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+mn_code mn_fail(mn_status *st, mn_code code, const char *format, ...) {
+    if (st != NULL && st->code == MN_OK) {
+        va_list args;
+        va_start(args, format);
+        vsnprintf(st->text, sizeof st->text, format, args);
+        va_end(args);
+        st->code = code;
+    }
+    return code;
+}

@@ -1,0 +1,4 @@
+#include "metanode/runtime.h"
+void mn_path_close(mn_path *p) {
+    (void)p;
+}

@@ -1,0 +1,118 @@
+/* The blocks that Navigate uses: the ancestor table, and behind it one of three stores.
+ *
+ * Navigate splits and collapses; the store says which blocks may be touched, keeps them there while
+ * they are, and fetches the others. It knows frames (frame.h: who a block refers to), never what is
+ * inside a block. `paged` is the pool of the paper (§3.3.2 to 3.3.4) with the three repairs of
+ * design.md §4; `mapped` leaves it to the operating system; `resident` reads all at start.
+ *
+ * Entries: the ancestor table holds every block in use and all its ancestors. An entry exists while
+ * its usage (active nodes in the block) is above 0 or another entry has it as its parent. Its index
+ * is stable while it exists. Bytes are valid while its usage is above 0.
+ *
+ *      root block ── entry 0, usage 0, 2 children       (an ancestor: bytes may be gone)
+ *        ├─ entry 3, usage 2                             (in use: pinned)
+ *        └─ entry 5, usage 0, 1 child
+ *             └─ entry 9, usage 7                        (in use: pinned)
+ *
+ * Threads: everything here is Navigate's; the I/O thread is inside. Nothing waits for a disk but
+ * open and mni_store_drain. Nothing allocates after open. */
+#ifndef MNI_STORE_H
+#define MNI_STORE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "mem.h"
+#include "metanode/runtime.h"
+
+typedef struct mni_store mni_store;
+typedef uint32_t mni_entry;
+#define MNI_NO_ENTRY UINT32_MAX
+
+typedef enum mni_answer {
+    MNI_GRANTED = 0,
+    MNI_ABSENT,  /* not in memory: a miss; the block has been asked for (urgent prefetch) */
+    MNI_REFUSED, /* the pool's rules or the table's size forbid it now: refused_pool */
+} mni_answer;
+
+/* Content check of a block that has come from a disk, called by the thread that reads (I/O); pure.
+ */
+typedef bool (*mni_store_check)(const void *context, const void *bytes, uint32_t length_bytes);
+
+typedef struct mni_store_desc {
+    const char *path;
+    const mn_header *header;
+    mn_store_kind kind;
+    uint32_t k; /* paged: place holders, at least mni_store_k_min(header) */
+    mn_io_kind io;
+    bool io_serial;
+    uint64_t seed;
+    mn_sim_desc sim;
+    mni_store_check check;
+    const void *check_context;
+    mn_trace_hook trace;
+    void *trace_context;
+    void (*warn)(void *context, const char *text);
+    void *warn_context;
+} mni_store_desc;
+
+/* levels: max(5, roots + 3). packed: depth of the block tree + 2 + longest overflow chain. */
+uint32_t mni_store_k_min(const mn_header *header);
+/* What open takes from the arena for that many place holders; for the plan. */
+size_t mni_store_need_bytes(const mn_header *header, mn_store_kind kind, uint32_t k);
+/* Entries that the table will have: for arrays beside it. */
+uint32_t mni_store_entries_max(const mn_header *header, mn_store_kind kind, uint32_t k);
+
+/* Opens the file, starts the I/O thread, loads the root blocks (the one wait) and asks for their
+ * children. The arena must have mni_store_need_bytes left. MN_BAD_INPUT: a root block is damaged.
+ */
+mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store **out,
+                       mn_status *st);
+void mni_store_close(mni_store *store);
+
+/* The root block of root r: usage + 1. Only at start, when it is resident. */
+mni_entry mni_store_root(mni_store *store, uint32_t r);
+
+/* Switch down: brings child block `ref` of the block at `parent` into use: finds it in physical
+ * memory (second chance included), makes or finds its entry, usage + 1. parent has usage above 0
+ * or a reserve (below). On MNI_ABSENT and MNI_REFUSED nothing changes but the request. */
+mni_answer mni_store_down(mni_store *store, mni_entry parent, mn_block_ref ref, mni_entry *out);
+/* Switch up: one more active node in the block of an entry that may be a mere ancestor. */
+mni_answer mni_store_up(mni_store *store, mni_entry entry);
+/* One more or one fewer active node in a block that is in use. At 0 the block is given back: freed
+ * to the tail of the free list when nothing references it. */
+void mni_store_add(mni_store *store, mni_entry entry);
+void mni_store_sub(mni_store *store, mni_entry entry);
+/* Bytes of a block in use; *fresh says that they have been mapped or loaded since the last call for
+ * this entry, so that views onto them must be reopened. */
+const void *mni_store_bytes(mni_store *store, mni_entry entry, bool *fresh);
+uint32_t mni_store_usage(const mni_store *store, mni_entry entry);
+
+/* An overflow block that a split needs besides: resident now and pinned until end of frame, or
+ * asked for. */
+mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref ref,
+                              const void **bytes);
+
+/* Between frames. begin: completions that have arrived are taken in. end: commands are posted, and
+ * grants that Navigate did not ask for again in this frame are dropped (their pins go). The
+ * simulated disk's clock advances by frame_s. */
+void mni_store_frame_begin(mni_store *store);
+void mni_store_frame_end(mni_store *store, double frame_s);
+/* Waits until nothing is asked for and nothing is read. */
+void mni_store_drain(mni_store *store);
+/* Reads in flight, commands not yet fetched, retries due: 0 when all is quiet. */
+uint32_t mni_store_pending(mni_store *store);
+/* Rises whenever the set of blocks in use or resident changes: what was refused may now be granted.
+ */
+uint64_t mni_store_epoch(const mni_store *store);
+/* Blocks in use and blocks in real memory. */
+void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident);
+
+void mni_store_stats(mni_store *store, mn_session_stats *out); /* fills the store's own counters */
+/* Invariants 3, 4, 5 of design.md §6 by full recount; usage_of(context, entry) is what the caller
+ * counts. Asserts. */
+void mni_store_check_all(mni_store *store, uint32_t (*usage_of)(void *context, mni_entry entry),
+                         void *context);
+
+#endif

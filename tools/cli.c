@@ -1,0 +1,157 @@
+/* See cli.h. */
+#include "cli.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/sysinfo.h>
+#include <time.h>
+#include <unistd.h>
+
+int cli_error(mn_code code, const char *format, ...) {
+    va_list args;
+    va_start(args, format);
+    fputs("metanode: ", stderr);
+    vfprintf(stderr, format, args);
+    fputc('\n', stderr);
+    va_end(args);
+    return (int)code;
+}
+
+int cli_status(const mn_status *st) {
+    if (st->code != MN_OK)
+        cli_error(st->code, "%s", st->text);
+    return (int)st->code;
+}
+
+int cli_option(int argc, char **argv, const char *short_options, const struct option *options) {
+    char quiet[64];
+    snprintf(quiet, sizeof quiet, ":%s", short_options);
+    opterr = 0;
+    int index = -1;
+    int found = getopt_long(argc, argv, quiet, options, &index);
+    if (found == ':')
+        cli_error(MN_USAGE, "%s: option %s needs a value; see metanode %s --help", argv[0],
+                  argv[optind - 1], argv[0]);
+    else if (found == '?')
+        cli_error(MN_USAGE, "%s: unknown option %s; see metanode %s --help", argv[0],
+                  argv[optind - 1], argv[0]);
+    return found == ':' ? '?' : found;
+}
+
+bool cli_double(const char *text, double min, double max, double *value) {
+    char *end = NULL;
+    errno = 0;
+    double v = strtod(text, &end);
+    if (end == text || *end != 0 || errno != 0 || !(v >= min && v <= max))
+        return false;
+    *value = v;
+    return true;
+}
+
+bool cli_u64(const char *text, uint64_t min, uint64_t max, uint64_t *value) {
+    char *end = NULL;
+    errno = 0;
+    if (text[0] < '0' || text[0] > '9')
+        return false;
+    unsigned long long v = strtoull(text, &end, 10);
+    if (*end != 0 || errno != 0 || v < min || v > max)
+        return false;
+    *value = v;
+    return true;
+}
+
+bool cli_size(const char *text, uint64_t *bytes) {
+    static const char units[] = "BKMGT";
+    char *end = NULL;
+    double v = strtod(text, &end);
+    if (end == text || !isfinite(v) || v <= 0)
+        return false;
+    if (*end != 0) {
+        char unit = *end >= 'a' && *end <= 'z' ? (char)(*end - 'a' + 'A') : *end;
+        const char *found = strchr(units, unit);
+        if (found == NULL || end[1] != 0)
+            return false;
+        v = ldexp(v, 10 * (int)(found - units));
+    }
+    if (v < 1 || v > ldexp(1, 62))
+        return false;
+    *bytes = (uint64_t)v;
+    return true;
+}
+
+int cli_choice(const char *text, const char *const *names) {
+    for (int i = 0; names[i] != NULL; i++)
+        if (strcmp(text, names[i]) == 0)
+            return i;
+    return -1;
+}
+
+static double now_s(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t total) {
+    cli_meter *meter = context;
+    if (!isatty(STDERR_FILENO))
+        return true;
+    double now = now_s();
+    if (meter->phase == NULL || strcmp(meter->phase, phase) != 0) {
+        meter->phase = phase;
+        meter->started_s = now;
+        meter->shown_s = 0;
+    }
+    if (now - meter->shown_s < 0.2)
+        return true;
+    meter->shown_s = now;
+    double spent = now - meter->started_s;
+    double rate = spent > 0 ? (double)done / spent : 0;
+    if (total > 0 && rate > 0)
+        fprintf(stderr, "\r%s %3.0f %%  %.0f/s  %.0f s left \033[K", phase,
+                100.0 * (double)done / (double)total, rate, (double)(total - done) / rate);
+    else
+        fprintf(stderr, "\r%s %llu  %.0f/s \033[K", phase, (unsigned long long)done, rate);
+    return true;
+}
+
+void cli_progress_end(void *context) {
+    cli_meter *meter = context;
+    if (meter->shown_s > 0)
+        fputs("\r\033[K", stderr);
+}
+
+uint64_t cli_rss_peak_bytes(void) {
+    struct rusage usage;
+    if (getrusage(RUSAGE_SELF, &usage) != 0)
+        return 0;
+    return (uint64_t)usage.ru_maxrss * 1024;
+}
+
+static uint64_t cgroup_limit_bytes(void) {
+    static const char *const places[] = {"/sys/fs/cgroup/memory.max",
+                                         "/sys/fs/cgroup/memory/memory.limit_in_bytes"};
+    uint64_t limit = UINT64_MAX;
+    for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
+        FILE *f = fopen(places[i], "re");
+        unsigned long long v;
+        if (f == NULL)
+            continue;
+        if (fscanf(f, "%llu", &v) == 1 && v < limit)
+            limit = v;
+        fclose(f);
+    }
+    return limit;
+}
+
+uint64_t cli_default_ram_bytes(void) {
+    struct sysinfo info;
+    uint64_t total = sysinfo(&info) == 0 ? (uint64_t)info.totalram * info.mem_unit : 1u << 30;
+    uint64_t limit = cgroup_limit_bytes();
+    return (limit < total ? limit : total) / 2;
+}

@@ -1,0 +1,64 @@
+/* What all subcommands share: options, sizes, errors, progress. Main thread only. */
+#ifndef METANODE_CLI_H
+#define METANODE_CLI_H
+
+#include <getopt.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "metanode/status.h"
+
+/* A subcommand: argv[0] is its name. Returns the exit code. */
+typedef struct cli_command {
+    const char *name;
+    int (*run)(int argc, char **argv);
+    const char *does; /* one line for --help */
+} cli_command;
+
+int cmd_build(int argc, char **argv);
+int cmd_simplify(int argc, char **argv);
+int cmd_block(int argc, char **argv);
+int cmd_info(int argc, char **argv);
+int cmd_verify(int argc, char **argv);
+int cmd_extract(int argc, char **argv);
+int cmd_replay(int argc, char **argv);
+int cmd_shoot(int argc, char **argv);
+int cmd_view(int argc, char **argv);
+int cmd_make(int argc, char **argv);
+int cmd_compare(int argc, char **argv);
+int cmd_bench(int argc, char **argv);
+
+/* Prints "metanode: …" on standard error and returns the code. */
+int cli_error(mn_code code, const char *format, ...) __attribute__((format(printf, 2, 3)));
+int cli_status(const mn_status *st); /* the same of a status; MN_OK prints nothing */
+
+/* getopt_long without its own messages: -1 at the end; '?' has been reported (exit MN_USAGE). */
+int cli_option(int argc, char **argv, const char *short_options, const struct option *options);
+
+/* "16M", "1.5G", "4096": powers of 1024. false: not a size, or 0, or above 2^62. */
+bool cli_size(const char *text, uint64_t *bytes);
+bool cli_u64(const char *text, uint64_t min, uint64_t max, uint64_t *value);
+bool cli_double(const char *text, double min, double max, double *value);
+/* Which of names[] (NULL at the end) text is; -1: none. */
+int cli_choice(const char *text, const char *const *names);
+
+/* An mn_progress for a terminal: percent, rate, time left on standard error; silent when that is
+ * no terminal. Context: a zeroed cli_meter. */
+typedef struct cli_meter {
+    double started_s, shown_s;
+    const char *phase;
+} cli_meter;
+bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t total);
+void cli_progress_end(void *context);
+
+/* Peak resident set of this process, bytes. */
+uint64_t cli_rss_peak_bytes(void);
+/* Half of physical memory, or of the cgroup's limit when that is lower. */
+uint64_t cli_default_ram_bytes(void);
+
+/* malloc and its kin, counted (alloc_count.c): how many calls since the last cli_alloc_mark by the
+ * whole process, its libraries included. 0 always under a sanitizer, whose malloc is its own. */
+void cli_alloc_mark(void);
+uint64_t cli_alloc_since_mark(void);
+
+#endif

@@ -1,0 +1,40 @@
+/* metanode: the subcommands and their names. */
+#include "cli.h"
+
+#include <stdio.h>
+#include <string.h>
+
+/* In the order of --help. A subcommand adds itself here and to meson.build. */
+static const cli_command commands[] = {
+    {NULL, NULL, NULL},
+};
+
+static void usage(FILE *out) {
+    fputs("metanode: triangle meshes of any size, navigated under a RAM cap\n\n"
+          "usage: metanode COMMAND [OPTION …]     metanode COMMAND --help\n\n",
+          out);
+    for (const cli_command *c = commands; c->name != NULL; c++)
+        fprintf(out, "  %-10s %s\n", c->name, c->does);
+    fputs("\nexit: 0 done, 1 failed, 2 wrong usage, 3 bad input, 4 out of space, 5 cap too small,\n"
+          "      6 no graphics\n",
+          out);
+}
+
+int main(int argc, char **argv) {
+    if (argc < 2) {
+        usage(stderr);
+        return MN_USAGE;
+    }
+    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0) {
+        usage(stdout);
+        return MN_OK;
+    }
+    if (strcmp(argv[1], "--version") == 0) {
+        puts("metanode " METANODE_VERSION);
+        return MN_OK;
+    }
+    for (const cli_command *c = commands; c->name != NULL; c++)
+        if (strcmp(argv[1], c->name) == 0)
+            return c->run(argc - 1, argv + 1);
+    return cli_error(MN_USAGE, "no command '%s'; metanode --help lists them", argv[1]);
+}
