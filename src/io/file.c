@@ -1,0 +1,213 @@
+/* Files, whole: see file.h.
+ *
+ * Secret: the temporary name, the buffer, and the order of sync and rename that makes a new file
+ * appear at once and complete. A mni_out owns its two names and a buffer of TAIL_BYTES. Threads:
+ * each object one at a time. (design.md §3.5) */
+#include "file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "assert.h"
+
+enum {
+    TAIL_BYTES = 256 * 1024, /* appends of a few bytes become few, large writes */
+    TEMP_TRIES_MAX = 1000,   /* names of this process in one directory */
+};
+
+/* ---- reading ------------------------------------------------------------------------------- */
+
+mn_code mni_in_open(mni_in *in, const char *path, mn_status *st) {
+    *in = (mni_in){.fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
+    if (in->fd < 0)
+        return mn_fail(st, MN_BAD_INPUT, "%s: cannot open: %s", path, strerror(errno));
+    struct stat info;
+    if (fstat(in->fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        mni_in_close(in);
+        return mn_fail(st, MN_BAD_INPUT, "%s: not a file; give the name of a regular file", path);
+    }
+    in->size_bytes = (uint64_t)info.st_size;
+    return MN_OK;
+}
+
+int64_t mni_in_read(const mni_in *in, uint64_t offset, void *bytes, size_t count) {
+    size_t done = 0;
+    while (done < count) {
+        ssize_t got =
+            pread(in->fd, (unsigned char *)bytes + done, count - done, (off_t)(offset + done));
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0)
+            return -errno;
+        if (got == 0)
+            break;
+        done += (size_t)got;
+    }
+    return (int64_t)done;
+}
+
+void mni_in_close(mni_in *in) {
+    if (in->fd >= 0)
+        close(in->fd);
+    in->fd = -1;
+}
+
+/* ---- writing ------------------------------------------------------------------------------- */
+
+static mn_code write_failed(mni_out *out, int error, mn_status *st) {
+    bool full = error == ENOSPC || error == EDQUOT;
+    out->failed = full ? MN_NO_SPACE : MN_FAILED;
+    if (full)
+        return mn_fail(st, MN_NO_SPACE,
+                       "%s: no space left on the disk; make room, or write to "
+                       "another one",
+                       out->path);
+    return mn_fail(st, MN_FAILED, "%s: cannot write: %s", out->path, strerror(error));
+}
+
+static int write_whole(int fd, const unsigned char *bytes, size_t count, uint64_t offset) {
+    while (count > 0) {
+        ssize_t put = pwrite(fd, bytes, count, (off_t)offset);
+        if (put < 0 && errno == EINTR)
+            continue;
+        if (put <= 0)
+            return put < 0 ? errno : EIO;
+        bytes += put;
+        count -= (size_t)put;
+        offset += (uint64_t)put;
+    }
+    return 0;
+}
+
+static mn_code flush(mni_out *out, mn_status *st) {
+    int error = write_whole(out->fd, out->tail, out->tail_bytes, out->offset);
+    if (error != 0)
+        return write_failed(out, error, st);
+    out->offset += out->tail_bytes;
+    out->tail_bytes = 0;
+    return MN_OK;
+}
+
+/* Bytes of the directory's name in path, its last slash included; 0: the working directory. */
+static size_t directory_length(const char *path) {
+    const char *slash = strrchr(path, '/');
+    return slash == NULL ? 0 : (size_t)(slash - path) + 1;
+}
+
+/* Creates a file that did not exist, beside the final name so that rename stays on one disk. */
+static int open_temporary(mni_out *out) {
+    size_t directory = directory_length(out->path);
+    size_t room = directory + 64;
+    out->temp = malloc(room);
+    if (out->temp == NULL)
+        return ENOMEM;
+    memcpy(out->temp, out->path, directory);
+    for (int i = 0; i < TEMP_TRIES_MAX; i++) {
+        snprintf(out->temp + directory, room - directory, ".metanode-%ld-%d.tmp", (long)getpid(),
+                 i);
+        out->fd = open(out->temp, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        if (out->fd >= 0)
+            return 0;
+        if (errno != EEXIST)
+            break;
+    }
+    int error = errno;
+    free(out->temp); /* not ours to unlink */
+    out->temp = NULL;
+    return error;
+}
+
+mn_code mni_out_open(mni_out *out, const char *path, mn_status *st) {
+    *out = (mni_out){.fd = -1};
+    struct stat info;
+    bool exists = stat(path, &info) == 0;
+    if (exists && !S_ISREG(info.st_mode))
+        return mn_fail(st, MN_FAILED, "%s: not a regular file; name another output", path);
+    out->path = exists ? realpath(path, NULL) : strdup(path);
+    out->tail = malloc(TAIL_BYTES);
+    int error = out->path == NULL || out->tail == NULL ? ENOMEM : open_temporary(out);
+    if (error != 0) {
+        mni_out_abort(out);
+        if (error == ENOSPC || error == EDQUOT)
+            return mn_fail(st, MN_NO_SPACE, "%s: no space left on the disk", path);
+        return mn_fail(st, MN_FAILED, "%s: cannot create: %s", path, strerror(error));
+    }
+    return MN_OK;
+}
+
+mn_code mni_out_write(mni_out *out, const void *bytes, size_t count, mn_status *st) {
+    const unsigned char *from = bytes;
+    while (count > 0 && out->failed == MN_OK) {
+        size_t part = TAIL_BYTES - out->tail_bytes;
+        if (part > count)
+            part = count;
+        memcpy(out->tail + out->tail_bytes, from, part);
+        out->tail_bytes += part;
+        from += part;
+        count -= part;
+        if (out->tail_bytes == TAIL_BYTES)
+            flush(out, st);
+    }
+    return out->failed;
+}
+
+mn_code mni_out_write_at(mni_out *out, uint64_t offset, const void *bytes, size_t count,
+                         mn_status *st) {
+    if (out->failed != MN_OK || flush(out, st) != MN_OK)
+        return out->failed;
+    int error = write_whole(out->fd, bytes, count, offset);
+    return error == 0 ? MN_OK : write_failed(out, error, st);
+}
+
+uint64_t mni_out_at(const mni_out *out) {
+    return out->offset + out->tail_bytes;
+}
+
+/* The new name is durable only when the directory is. File systems that cannot sync one are left
+ * alone: the file itself is safe. */
+static void sync_directory(const char *path) {
+    size_t length = directory_length(path);
+    char *name = length > 0 ? strndup(path, length) : strdup(".");
+    int fd = name == NULL ? -1 : open(name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (fd >= 0) {
+        (void)fsync(fd);
+        close(fd);
+    }
+    free(name);
+}
+
+mn_code mni_out_commit(mni_out *out, mn_status *st) {
+    MN_ASSERT(out->fd >= 0);
+    if (out->failed == MN_OK)
+        flush(out, st);
+    if (out->failed == MN_OK && fsync(out->fd) != 0)
+        write_failed(out, errno, st);
+    if (out->failed == MN_OK && rename(out->temp, out->path) != 0)
+        write_failed(out, errno, st);
+    mn_code code = out->failed;
+    if (code == MN_OK) {
+        sync_directory(out->path);
+        free(out->temp); /* renamed: nothing to remove */
+        out->temp = NULL;
+    }
+    mni_out_abort(out);
+    return code;
+}
+
+void mni_out_abort(mni_out *out) {
+    if (out->path == NULL && out->tail == NULL)
+        return; /* zeroed or closed before */
+    if (out->fd >= 0)
+        close(out->fd);
+    if (out->temp != NULL)
+        unlink(out->temp);
+    free(out->temp);
+    free(out->path);
+    free(out->tail);
+    *out = (mni_out){.fd = -1};
+}
