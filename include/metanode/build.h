@@ -173,6 +173,25 @@ typedef struct mn_compare_result {
 mn_code mn_mesh_compare(const mn_mesh *a, const mn_mesh *b, uint64_t samples, uint64_t seed,
                         mn_compare_result *out, mn_status *st);
 
+/* ---- OpenMesh, in its helper program -------------------------------------------------------- */
+
+/* Both refuse a mesh that is not manifold with MN_BAD_INPUT and the number of triangles that do not
+ * fit. helper_dir: as in mn_read_desc. On failure *out is zeroed. */
+
+/* Loop subdivision, 1 … 15 times: each makes four triangles of one. Colours are lost. */
+mn_code mn_openmesh_subdivide(const mn_mesh *mesh, uint32_t times, const char *helper_dir,
+                              mn_mesh *out, mn_status *st);
+
+typedef struct mn_decimation {
+    double seconds; /* of the decimation alone */
+    uint64_t collapses;
+} mn_decimation;
+
+/* Quadric decimation with OpenMesh's ModQuadric and ModNormalFlipping, until at most so many
+ * triangles are left or nothing more can be done: the yardstick of our own. */
+mn_code mn_openmesh_decimate(const mn_mesh *mesh, uint32_t triangles, const char *helper_dir,
+                             mn_mesh *out, mn_decimation *figures, mn_status *st);
+
 /* ---- models of any size -------------------------------------------------------------------- */
 
 typedef enum mn_shape { MN_SHAPE_SPHERE = 0, MN_SHAPE_TERRAIN, MN_SHAPE_ISOSURFACE } mn_shape;

@@ -1,0 +1,167 @@
+/* See helper.h. */
+#define _GNU_SOURCE
+#include "helper.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "assert.h"
+
+extern char **environ;
+
+static bool helper_path(const char *dir, const char *program, char path[PATH_MAX]) {
+    char self[PATH_MAX];
+    if (dir == NULL) {
+        ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
+        if (length <= 0)
+            return false;
+        self[length] = 0;
+        *strrchr(self, '/') = 0;
+        dir = self;
+    }
+    return snprintf(path, PATH_MAX, "%s/%s", dir, program) < PATH_MAX;
+}
+
+/* Standard input, output and error of the child are given; everything else closes on exec. */
+static int spawn(pid_t *pid, const char *path, const char *program, const char *const *args,
+                 const int fds[3]) {
+    char *argv[MNI_HELPER_ARGS_MAX + 2] = {(char *)(uintptr_t)program};
+    for (int i = 0; args[i] != NULL; i++) {
+        MN_ASSERT(i < MNI_HELPER_ARGS_MAX);
+        argv[i + 1] = (char *)(uintptr_t)args[i];
+    }
+    posix_spawn_file_actions_t actions;
+    int error = posix_spawn_file_actions_init(&actions);
+    if (error != 0)
+        return error;
+    for (int i = 0; i < 3 && error == 0; i++)
+        error = posix_spawn_file_actions_adddup2(&actions, fds[i], i);
+    if (error == 0)
+        error = posix_spawn(pid, path, &actions, NULL, argv, environ);
+    posix_spawn_file_actions_destroy(&actions);
+    return error;
+}
+
+mn_code mni_helper_open(mni_helper *helper, const char *helper_dir, const char *program,
+                        const char *const *args, mn_status *st) {
+    char path[PATH_MAX];
+    int in[2] = {-1, -1}, out[2] = {-1, -1};
+    mn_code code = MN_OK;
+    *helper = (mni_helper){.pid = -1, .to = -1, .from = -1, .errors = -1};
+    if (!helper_path(helper_dir, program, path))
+        return mn_fail(st, MN_FAILED, "cannot tell where %s lies", program);
+    if (access(path, X_OK) != 0)
+        return mn_fail(st, MN_FAILED, "%s is not there (%s): install libopenmesh-dev, build again",
+                       path, strerror(errno));
+    helper->errors = memfd_create(program, MFD_CLOEXEC);
+    if (helper->errors < 0 || pipe2(out, O_CLOEXEC) != 0 ||
+        socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, in) != 0) {
+        code = mn_fail(st, MN_FAILED, "cannot start %s: %s", program, strerror(errno));
+    } else {
+        int error =
+            spawn(&helper->pid, path, program, args, (const int[3]){in[1], out[1], helper->errors});
+        if (error != 0)
+            code = mn_fail(st, MN_FAILED, "cannot start %s: %s", path, strerror(error));
+    }
+    const int unused[4] = {in[1], out[1], code != MN_OK ? in[0] : -1, code != MN_OK ? out[0] : -1};
+    for (int i = 0; i < 4; i++)
+        if (unused[i] >= 0)
+            close(unused[i]);
+    if (code != MN_OK) {
+        if (helper->errors >= 0)
+            close(helper->errors);
+        return code;
+    }
+    helper->to = in[0];
+    helper->from = out[0];
+    return MN_OK;
+}
+
+bool mni_helper_write(mni_helper *helper, const void *bytes, size_t count) {
+    const char *at = bytes;
+    while (count > 0 && !helper->cut) {
+        ssize_t done = send(helper->to, at, count, MSG_NOSIGNAL);
+        if (done < 0 && errno == EINTR)
+            continue;
+        if (done <= 0) {
+            helper->cut = true;
+        } else {
+            at += done;
+            count -= (size_t)done;
+        }
+    }
+    return !helper->cut;
+}
+
+void mni_helper_write_end(mni_helper *helper) {
+    if (helper->to >= 0)
+        close(helper->to);
+    helper->to = -1;
+}
+
+bool mni_helper_read(mni_helper *helper, void *bytes, size_t count) {
+    char *at = bytes;
+    mni_helper_write_end(helper);
+    while (count > 0 && !helper->cut) {
+        ssize_t done = read(helper->from, at, count);
+        if (done < 0 && errno == EINTR)
+            continue;
+        if (done <= 0) {
+            helper->cut = true;
+        } else {
+            at += done;
+            count -= (size_t)done;
+        }
+    }
+    return !helper->cut;
+}
+
+bool mni_helper_read_head(mni_helper *helper, mni_helper_head *head) {
+    if (!mni_helper_read(helper, head, sizeof *head))
+        return false;
+    if (memcmp(head->magic, "MNOMSTRM", sizeof head->magic) != 0)
+        helper->cut = true;
+    return !helper->cut;
+}
+
+static void first_line(int file, char line[MNI_HELPER_LINE_BYTES]) {
+    ssize_t length = pread(file, line, MNI_HELPER_LINE_BYTES - 1, 0);
+    line[length > 0 ? length : 0] = 0;
+    line[strcspn(line, "\n")] = 0;
+}
+
+mn_code mni_helper_close(mni_helper *helper, const char *about, char line[MNI_HELPER_LINE_BYTES],
+                         mn_status *st) {
+    char own_line[MNI_HELPER_LINE_BYTES];
+    int status = 0;
+    mni_helper_write_end(helper);
+    close(helper->from); /* one that still writes gets SIGPIPE and ends */
+    while (waitpid(helper->pid, &status, 0) < 0)
+        MN_ASSERT(errno == EINTR);
+    first_line(helper->errors, own_line);
+    close(helper->errors);
+    *helper = (mni_helper){.pid = -1, .to = -1, .from = -1, .errors = -1, .cut = helper->cut};
+    if (line != NULL)
+        memcpy(line, own_line, sizeof own_line);
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+        return !helper->cut ? MN_OK
+                            : mn_fail(st, MN_FAILED, "%s: the helper's answer is cut short", about);
+    if (WIFEXITED(status))
+        return mn_fail(st, WEXITSTATUS(status) == MN_BAD_INPUT ? MN_BAD_INPUT : MN_FAILED, "%s: %s",
+                       about, own_line[0] != 0 ? own_line : "the helper failed");
+    if (WTERMSIG(status) == SIGXCPU)
+        return mn_fail(st, MN_BAD_INPUT, "%s: OpenMesh does not come to an end with it", about);
+    if (WTERMSIG(status) == SIGPIPE)
+        return mn_fail(st, MN_FAILED, "%s: reading it was given up", about);
+    return mn_fail(st, MN_BAD_INPUT, "%s: OpenMesh crashes on it (%s)", about,
+                   strsignal(WTERMSIG(status)));
+}

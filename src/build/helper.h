@@ -1,0 +1,51 @@
+/* A helper program: a process of its own that reads what we write and writes what we read, in that
+ * order, so that neither waits for the other for ever.
+ *
+ *   open → write … → (end of input) → read … → close
+ *
+ * close has the last word: what went wrong in the helper says more than the cut stream that we saw.
+ * A mesh travels as the stream that src/build/openmesh/stream.h describes. Any thread, one at a
+ * time a helper; all calls block. */
+#ifndef MNI_HELPER_H
+#define MNI_HELPER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <sys/types.h>
+
+#include "metanode/build.h"
+
+enum { MNI_HELPER_ARGS_MAX = 16, MNI_HELPER_LINE_BYTES = 400 };
+
+typedef struct mni_helper {
+    pid_t pid;
+    int to, from; /* a socket and a pipe; -1: closed */
+    int errors;   /* the helper's standard error: a file in memory, so that it never fills */
+    bool cut;     /* a write or read fell short */
+} mni_helper;
+
+/* Starts helper_dir/program (helper_dir NULL: beside the running program) with args, which end with
+ * NULL and do not count the program's name. MN_FAILED where it is missing or cannot start. */
+mn_code mni_helper_open(mni_helper *helper, const char *helper_dir, const char *program,
+                        const char *const *args, mn_status *st);
+/* false: the helper is not taking or giving any more; close says why. */
+bool mni_helper_write(mni_helper *helper, const void *bytes, size_t count);
+void mni_helper_write_end(mni_helper *helper);
+bool mni_helper_read(mni_helper *helper, void *bytes, size_t count);
+/* Waits for it. MN_OK when it ended with 0 and nothing was cut; `line` (may be NULL) is then the
+ * first line that it wrote on standard error. Else `about` (a file's name) begins the message:
+ * MN_BAD_INPUT for exit 3, a crash or a limit reached, MN_FAILED for the rest. */
+mn_code mni_helper_close(mni_helper *helper, const char *about, char line[MNI_HELPER_LINE_BYTES],
+                         mn_status *st);
+
+/* A mesh stream's head. */
+typedef struct mni_helper_head {
+    char magic[8];
+    uint64_t vertices, triangles;
+    uint32_t has_colors, zero;
+} mni_helper_head;
+/* false: cut, or no such head. */
+bool mni_helper_read_head(mni_helper *helper, mni_helper_head *head);
+
+#endif
