@@ -101,7 +101,8 @@ typedef struct mn_tree {
 typedef struct mn_simplify_desc {
     mn_metric metric;        /* default qem */
     uint64_t ram_bytes;      /* 0: no bound. Too small: MN_CAP_TOO_SMALL names what would do */
-    uint32_t stop_triangles; /* stop when at most so many are left: for benches only; 0: never */
+    uint32_t stop_triangles; /* stop when at most so many are left, for benches; then
+                                only out->counts is filled; 0: never */
     mn_progress progress;
     void *progress_context;
 } mn_simplify_desc;

@@ -1,0 +1,253 @@
+/* See legal.h. */
+#include "legal.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "assert.h"
+
+/* k's fan is walked whole for the link condition up to this length; a longer one (a pole) is asked
+ * about each ring vertex instead, through that vertex's own, shorter list. */
+enum { SHORT_FAN = 48 };
+
+static void cross(const float *o, const float *a, const float *b, double n[3]) {
+    double ax = (double)a[0] - o[0], ay = (double)a[1] - o[1], az = (double)a[2] - o[2];
+    double bx = (double)b[0] - o[0], by = (double)b[1] - o[1], bz = (double)b[2] - o[2];
+    n[0] = ay * bz - az * by;
+    n[1] = az * bx - ax * bz;
+    n[2] = ax * by - ay * bx;
+}
+
+static double dot(const double *a, const double *b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+mn_code mni_judge_open(mni_judge *j, const mn_mesh *mesh, mn_status *st) {
+    *j = (mni_judge){.ring_room = 64};
+    j->normal = malloc((size_t)mesh->triangles * 3 * sizeof *j->normal);
+    j->seen = calloc(mesh->vertices, sizeof *j->seen);
+    j->ring = malloc(j->ring_room * sizeof *j->ring);
+    if (j->normal == NULL || j->seen == NULL || j->ring == NULL) {
+        mni_judge_close(j);
+        return mn_fail(st, MN_FAILED, "out of memory while simplifying %u triangles",
+                       mesh->triangles);
+    }
+    for (uint32_t t = 0; t < mesh->triangles; t++) {
+        const uint32_t *c = &mesh->corner[3 * (size_t)t];
+        double n[3];
+        cross(&mesh->position[3 * (size_t)c[0]], &mesh->position[3 * (size_t)c[1]],
+              &mesh->position[3 * (size_t)c[2]], n);
+        double length = sqrt(dot(n, n));
+        for (int i = 0; i < 3; i++)
+            j->normal[3 * (size_t)t + i] = length > 0 ? (float)(n[i] / length) : 0;
+    }
+    return MN_OK;
+}
+
+void mni_judge_close(mni_judge *j) {
+    free(j->normal);
+    free(j->seen);
+    free(j->ring);
+    memset(j, 0, sizeof *j);
+}
+
+/* The ring vertex of `vertex`, made if it is new. */
+static uint32_t ring_at(mni_judge *j, uint32_t vertex) {
+    uint64_t seen = j->seen[vertex];
+    if (seen >> 32 == j->epoch)
+        return (uint32_t)seen;
+    if (j->ring_count == j->ring_room) {
+        mni_ring_vertex *ring = realloc(j->ring, 2 * (size_t)j->ring_room * sizeof *ring);
+        if (ring == NULL) {
+            j->no_memory = true;
+            return 0;
+        }
+        j->ring = ring;
+        j->ring_room *= 2;
+    }
+    uint32_t at = j->ring_count++;
+    j->ring[at] = (mni_ring_vertex){.vertex = vertex, .group = at};
+    j->seen[vertex] = (uint64_t)j->epoch << 32 | at;
+    return at;
+}
+
+static uint32_t group_of(mni_judge *j, uint32_t at) {
+    while (j->ring[at].group != at) {
+        j->ring[at].group = j->ring[j->ring[at].group].group;
+        at = j->ring[at].group;
+    }
+    return at;
+}
+
+static void new_epoch(mni_judge *j, uint32_t vertices) {
+    if (++j->epoch == 0) { /* after 2^32 rings */
+        memset(j->seen, 0, vertices * sizeof *j->seen);
+        j->epoch = 1;
+    }
+    j->ring_count = 0;
+}
+
+/* Which corner v is. */
+static int corner_of(const mni_simplex *x, uint32_t v) {
+    return x->v[0] == v ? 0 : x->v[1] == v ? 1 : 2;
+}
+
+void mni_judge_ring(mni_judge *j, mni_surface *s, uint32_t v) {
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(s, v, &count);
+    new_epoch(j, s->vertices);
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_simplex *x = &s->simplex[fan[i]];
+        int c = corner_of(x, v);
+        if (x->v[2] == MN_NONE) {
+            uint32_t at = ring_at(j, x->v[1 - c]);
+            j->ring[at].hinges++;
+            continue;
+        }
+        uint32_t a = ring_at(j, x->v[c == 2 ? 0 : c + 1]);
+        uint32_t b = ring_at(j, x->v[c == 0 ? 2 : c - 1]);
+        j->ring[a].triangles++;
+        j->ring[a].balance++;
+        j->ring[b].triangles++;
+        j->ring[b].balance--;
+        uint32_t ga = group_of(j, a), gb = group_of(j, b);
+        j->ring[ga].group = gb;
+    }
+}
+
+bool mni_ring_vertex_singular(const mni_ring_vertex *n) {
+    return n->triangles != 2 || n->balance != 0 || n->hinges > 0;
+}
+
+static bool in_ring(const mni_judge *j, uint32_t vertex, uint32_t *at) {
+    *at = (uint32_t)j->seen[vertex];
+    return j->seen[vertex] >> 32 == j->epoch;
+}
+
+/* Whether k has a neighbour in r's ring that is no apex of a triangle at kr. */
+static bool strays(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+    uint32_t count, at;
+    if (s->fan[k].count > SHORT_FAN) {
+        for (uint32_t i = 0; i < j->ring_count; i++)
+            if (j->ring[i].vertex != k && j->ring[i].apexes == 0 &&
+                mni_surface_joined(s, j->ring[i].vertex, k))
+                return true;
+        return false;
+    }
+    const uint32_t *fan = mni_surface_fan(s, k, &count);
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_simplex *x = &s->simplex[fan[i]];
+        for (int c = 0; c < 3; c++) {
+            uint32_t y = x->v[c];
+            if (y != MN_NONE && y != k && y != r && in_ring(j, y, &at) && j->ring[at].apexes == 0)
+                return true;
+        }
+    }
+    return false;
+}
+
+/* Whether a triangle of r comes to lie on one that k has already: the last step of a closed
+ * tetrahedron. Both its other corners are then apexes. */
+static bool doubles(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(s, r, &count);
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_simplex *x = &s->simplex[fan[i]];
+        if (x->v[2] == MN_NONE)
+            continue;
+        int c = corner_of(x, r);
+        uint32_t a = x->v[c == 2 ? 0 : c + 1], b = x->v[c == 0 ? 2 : c - 1], at_a, at_b;
+        if (a == k || b == k || !in_ring(j, a, &at_a) || !in_ring(j, b, &at_b) ||
+            j->ring[at_a].apexes == 0 || j->ring[at_b].apexes == 0)
+            continue;
+        uint32_t others;
+        const uint32_t *list = mni_surface_fan(s, a, &others);
+        for (uint32_t o = 0; o < others; o++) {
+            const mni_simplex *y = &s->simplex[list[o]];
+            bool has_k = y->v[0] == k || y->v[1] == k || y->v[2] == k;
+            bool has_b = y->v[0] == b || y->v[1] == b || y->v[2] == b;
+            if (has_k && has_b)
+                return true;
+        }
+    }
+    return false;
+}
+
+/* r is singular: kr must be too, r on exactly two singular edges with equal numbers of triangles,
+ * and these must hold its triangles together. */
+static bool singular_may_go(mni_judge *j, uint32_t k) {
+    uint32_t singular = 0, triangles[2] = {0, 0}, group = MN_NONE;
+    bool k_singular = false;
+    for (uint32_t i = 0; i < j->ring_count; i++) {
+        const mni_ring_vertex *n = &j->ring[i];
+        if (group == MN_NONE)
+            group = group_of(j, i);
+        if (group_of(j, i) != group)
+            return false;
+        if (!mni_ring_vertex_singular(n))
+            continue;
+        if (singular == 2)
+            return false;
+        triangles[singular++] = n->triangles;
+        k_singular |= n->vertex == k;
+    }
+    return singular == 2 && triangles[0] == triangles[1] && k_singular;
+}
+
+static bool singular_vertex(mni_judge *j) {
+    uint32_t group = j->ring_count > 0 ? group_of(j, 0) : 0;
+    for (uint32_t i = 0; i < j->ring_count; i++)
+        if (mni_ring_vertex_singular(&j->ring[i]) || group_of(j, i) != group)
+            return true;
+    return false;
+}
+
+bool mni_judge_link(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+    uint32_t count, at;
+    mni_judge_ring(j, s, r);
+    bool kr = in_ring(j, k, &at);
+    MN_ASSERT(kr);
+    const mni_ring_vertex *edge = &j->ring[at];
+    if (edge->triangles == 0) /* a hinge alone joins them: only a vertex that hangs by it goes */
+        return j->ring_count == 1 && edge->hinges == 1;
+    const uint32_t *fan = mni_surface_fan(s, r, &count);
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_simplex *x = &s->simplex[fan[i]];
+        if (x->v[2] == MN_NONE || (x->v[0] != k && x->v[1] != k && x->v[2] != k))
+            continue;
+        for (int c = 0; c < 3; c++)
+            if (x->v[c] != k && x->v[c] != r && in_ring(j, x->v[c], &at) &&
+                ++j->ring[at].apexes > 1)
+                return false;
+    }
+    if (singular_vertex(j) && !singular_may_go(j, k))
+        return false;
+    return !strays(j, s, r, k) && !doubles(j, s, r, k);
+}
+
+bool mni_judge_fold(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(s, r, &count);
+    const float *from = &s->position[3 * (size_t)r], *to = &s->position[3 * (size_t)k];
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_simplex *x = &s->simplex[fan[i]];
+        if (x->v[2] == MN_NONE || x->v[0] == k || x->v[1] == k || x->v[2] == k)
+            continue;
+        int c = corner_of(x, r);
+        const float *a = &s->position[3 * (size_t)x->v[c == 2 ? 0 : c + 1]];
+        const float *b = &s->position[3 * (size_t)x->v[c == 0 ? 2 : c - 1]];
+        const float *first = &j->normal[3 * (size_t)fan[i]];
+        double before[3], after[3];
+        cross(from, a, b, before);
+        cross(to, a, b, after);
+        double input[3] = {first[0], first[1], first[2]};
+        if (!(dot(after, after) > 0))
+            return false;
+        if (dot(before, before) > 0 && !(dot(before, after) > 0))
+            return false;
+        if (dot(input, input) > 0 && !(dot(input, after) > 0))
+            return false;
+    }
+    return true;
+}

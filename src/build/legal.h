@@ -1,0 +1,46 @@
+/* Whether a collapse may be made, by the stage's rules (design.md §3.2).
+ *
+ * The ring of r is its neighbours, each with what is known of the edge that leads there:
+ *
+ *        n2 ──── n1          triangles: at the edge r–n;  balance: +1 for each triangle that runs
+ *       ╱  ╲    ╱  ╲                    r → n, −1 for each that runs n → r
+ *      n3 ── r ── k          apexes:    triangles (r, k, n)
+ *                            group:     ring vertices joined by triangles of r share one
+ *
+ * An edge is singular if it has not exactly two triangles, or if these are not oppositely directed,
+ * or if it is a hinge. Nothing here changes the surface but that dead simplices leave its lists.
+ * One thread. Memory: 8 bytes a vertex and the largest ring met. */
+#ifndef MNI_LEGAL_H
+#define MNI_LEGAL_H
+
+#include "surface.h"
+
+typedef struct mni_ring_vertex {
+    uint32_t vertex;
+    uint32_t triangles, hinges, apexes;
+    int32_t balance;
+    uint32_t group;
+} mni_ring_vertex;
+
+typedef struct mni_judge {
+    float *normal; /* 3 × triangles: unit normals of the input; 0 for zero area */
+    mni_ring_vertex *ring;
+    uint32_t ring_count, ring_room;
+    uint64_t *seen; /* a vertex: epoch << 32 | index in ring */
+    uint32_t epoch;
+    bool no_memory; /* sticky: the answers are worthless */
+} mni_judge;
+
+mn_code mni_judge_open(mni_judge *judge, const mn_mesh *mesh, mn_status *st);
+void mni_judge_close(mni_judge *judge);
+
+/* Fills judge->ring with the neighbours of v. */
+void mni_judge_ring(mni_judge *judge, mni_surface *surface, uint32_t v);
+bool mni_ring_vertex_singular(const mni_ring_vertex *n);
+
+/* Link condition and singular vertices: the rule of stages 1 and 2. */
+bool mni_judge_link(mni_judge *judge, mni_surface *surface, uint32_t r, uint32_t k);
+/* No triangle folds over, against what it was and against what it was in the input. */
+bool mni_judge_fold(mni_judge *judge, mni_surface *surface, uint32_t r, uint32_t k);
+
+#endif

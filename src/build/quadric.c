@@ -1,0 +1,111 @@
+/* Quadrics (Garland and Heckbert): the sum of squared distances to planes, weighted with area.
+ * Along an edge with one triangle a wall stands on it, so that boundaries keep their shape. */
+#include "simplify.h"
+
+#include <math.h>
+
+static void add_plane(mni_quadric *q, const double n[3], const float p[3], double weight) {
+    double d = -(n[0] * p[0] + n[1] * p[1] + n[2] * p[2]);
+    q->xx += weight * n[0] * n[0];
+    q->xy += weight * n[0] * n[1];
+    q->xz += weight * n[0] * n[2];
+    q->yy += weight * n[1] * n[1];
+    q->yz += weight * n[1] * n[2];
+    q->zz += weight * n[2] * n[2];
+    q->x += weight * n[0] * d;
+    q->y += weight * n[1] * d;
+    q->z += weight * n[2] * d;
+    q->c += weight * d * d;
+}
+
+static void edge_of(const float *from, const float *to, double e[3]) {
+    for (int i = 0; i < 3; i++)
+        e[i] = (double)to[i] - from[i];
+}
+
+static void cross(const double *a, const double *b, double n[3]) {
+    n[0] = a[1] * b[2] - a[2] * b[1];
+    n[1] = a[2] * b[0] - a[0] * b[2];
+    n[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Makes n a unit vector and returns its length; 0: it has none. */
+static double unit(double n[3]) {
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    if (length > 0)
+        for (int i = 0; i < 3; i++)
+            n[i] /= length;
+    return length;
+}
+
+static void add_walls(mni_quadric *quadric, const mn_mesh *mesh, mni_judge *judge,
+                      mni_surface *surface, uint32_t v) {
+    mni_judge_ring(judge, surface, v);
+    for (uint32_t i = 0; i < judge->ring_count; i++) {
+        uint32_t w = judge->ring[i].vertex, count;
+        if (judge->ring[i].triangles != 1 || w < v)
+            continue;
+        const uint32_t *fan = mni_surface_fan(surface, v, &count);
+        for (uint32_t f = 0; f < count; f++) {
+            const uint32_t *c = surface->simplex[fan[f]].v;
+            if (c[0] != w && c[1] != w && c[2] != w)
+                continue;
+            const float *p[3] = {&mesh->position[3 * (size_t)c[0]],
+                                 &mesh->position[3 * (size_t)c[1]],
+                                 &mesh->position[3 * (size_t)c[2]]};
+            const float *pv = &mesh->position[3 * (size_t)v], *pw = &mesh->position[3 * (size_t)w];
+            double e1[3], e2[3], normal[3], along[3], wall[3];
+            edge_of(p[0], p[1], e1);
+            edge_of(p[0], p[2], e2);
+            cross(e1, e2, normal);
+            edge_of(pv, pw, along);
+            cross(along, normal, wall);
+            double length2 = along[0] * along[0] + along[1] * along[1] + along[2] * along[2];
+            if (unit(wall) > 0) {
+                add_plane(&quadric[v], wall, pv, length2);
+                add_plane(&quadric[w], wall, pv, length2);
+            }
+        }
+    }
+}
+
+void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh, mni_judge *judge,
+                       mni_surface *surface) {
+    for (uint32_t t = 0; t < mesh->triangles; t++) {
+        const uint32_t *c = &mesh->corner[3 * (size_t)t];
+        const float *p = &mesh->position[3 * (size_t)c[0]];
+        double e1[3], e2[3], n[3];
+        edge_of(p, &mesh->position[3 * (size_t)c[1]], e1);
+        edge_of(p, &mesh->position[3 * (size_t)c[2]], e2);
+        cross(e1, e2, n);
+        double area = 0.5 * unit(n);
+        if (area > 0)
+            for (int i = 0; i < 3; i++)
+                add_plane(&quadric[c[i]], n, p, area);
+    }
+    for (uint32_t v = 0; v < mesh->vertices; v++)
+        add_walls(quadric, mesh, judge, surface, v);
+}
+
+double mni_quadric_at(const mni_quadric *a, const mni_quadric *b, const float p[3]) {
+    double x = p[0], y = p[1], z = p[2];
+    double value =
+        (a->xx + b->xx) * x * x + (a->yy + b->yy) * y * y + (a->zz + b->zz) * z * z +
+        2 * ((a->xy + b->xy) * x * y + (a->xz + b->xz) * x * z + (a->yz + b->yz) * y * z +
+             (a->x + b->x) * x + (a->y + b->y) * y + (a->z + b->z) * z) +
+        a->c + b->c;
+    return value > 0 ? value : 0;
+}
+
+void mni_quadric_add(mni_quadric *to, const mni_quadric *from) {
+    to->xx += from->xx;
+    to->xy += from->xy;
+    to->xz += from->xz;
+    to->yy += from->yy;
+    to->yz += from->yz;
+    to->zz += from->zz;
+    to->x += from->x;
+    to->y += from->y;
+    to->z += from->z;
+    to->c += from->c;
+}

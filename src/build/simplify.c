@@ -1,0 +1,303 @@
+/* Simplification in memory: every collapse, cheapest first, recorded as a view-dependence tree.
+ *
+ * Each vertex r offers its cheapest candidate r → k to the heap. Costs of qem only rise while a
+ * vertex's own ring stands (the quadric of k grows), so what the heap holds is a lower bound: a key
+ * is made exact when it comes to the top, and goes back if it was too low. A candidate that is
+ * illegal gives way to the vertex's next one; all are tried again when the vertex's ring changes.
+ * Only the ring of r and k itself can come to have a legal candidate by a collapse r → k, so only
+ * these are touched, and a pole with thousands of neighbours costs nothing while collapses beside
+ * it go on.
+ *
+ * Stages (design.md §3.2): 1 legal, 2 folding allowed, 3 link condition waived until no simplex is
+ * left, 4 virtual edges between roots (roots.c). One thread; blocks on nothing. Memory: the sum in
+ * mni_need_bytes, taken at the start but for hinges and packing. Paper: §2.1.1 and §3.1. */
+#include "simplify.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "assert.h"
+
+enum { PROGRESS_EVERY = 1 << 14 };
+
+static double now_s(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- candidates ---- */
+
+static float cost_of(const mni_simplifier *s, uint32_t r, uint32_t k) {
+    const float *to = &s->mesh->position[3 * (size_t)k];
+    if (s->quadric != NULL)
+        return (float)mni_quadric_at(&s->quadric[r], &s->quadric[k], to);
+    const float *from = &s->mesh->position[3 * (size_t)r];
+    double x = (double)to[0] - from[0], y = (double)to[1] - from[1], z = (double)to[2] - from[2];
+    return (float)(x * x + y * y + z * z);
+}
+
+/* The cheapest candidate of r that is above `after` (NULL: of all). False: there is none. */
+static bool best_candidate(mni_simplifier *s, uint32_t r, const mni_heap_key *after,
+                           mni_heap_key *best) {
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(&s->surface, r, &count);
+    bool found = false;
+    uint32_t last = MN_NONE;
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_simplex *x = &s->surface.simplex[fan[i]];
+        for (int c = 0; c < 3; c++) {
+            uint32_t k = x->v[c];
+            if (k == r || k == MN_NONE || k == last)
+                continue;
+            last = k;
+            mni_heap_key key = {cost_of(s, r, k), k};
+            if (after != NULL && !mni_heap_key_less(*after, r, key, r))
+                continue;
+            if (!found || mni_heap_key_less(key, r, *best, r))
+                *best = key;
+            found = true;
+        }
+    }
+    return found;
+}
+
+/* Offers r's cheapest candidate afresh. */
+static void offer(mni_simplifier *s, uint32_t r) {
+    mni_heap_key best;
+    s->stale[r] = false;
+    if (!best_candidate(s, r, NULL, &best)) {
+        mni_heap_remove(&s->heap, r);
+        return;
+    }
+    s->floor[r] = best;
+    mni_heap_set(&s->heap, r, best);
+}
+
+/* r's candidate is no good: its next one. */
+static void offer_next(mni_simplifier *s, uint32_t r) {
+    mni_heap_key best, after = s->heap.key[r];
+    if (best_candidate(s, r, &after, &best))
+        mni_heap_set(&s->heap, r, best);
+    else
+        mni_heap_remove(&s->heap, r);
+}
+
+/* k has come into r's ring, or become cheaper to reach. */
+static void lower_floor(mni_simplifier *s, uint32_t r, uint32_t k) {
+    mni_heap_key key = {cost_of(s, r, k), k};
+    if (mni_heap_key_less(key, r, s->floor[r], r))
+        s->floor[r] = key;
+}
+
+/* r's ring has changed and k is in it: whatever was tried may be tried again. */
+static void touch(mni_simplifier *s, uint32_t r, uint32_t k) {
+    lower_floor(s, r, k);
+    s->stale[r] = true;
+    mni_heap_set(&s->heap, r, s->floor[r]);
+}
+
+static bool allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
+    if (s->stage == 3)
+        return true;
+    return mni_judge_link(&s->judge, &s->surface, r, k) &&
+           (s->stage == 2 || mni_judge_fold(&s->judge, &s->surface, r, k));
+}
+
+/* ---- collapses ---- */
+
+/* What a node's switch value has risen to is kept when it becomes a child, or at the end. */
+static void settle_value(mni_simplifier *s, uint32_t v) {
+    if (s->node[v] >= s->mesh->vertices)
+        s->made.switch_value[s->node[v] - s->mesh->vertices] = s->witness.value[v];
+}
+
+mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k) {
+    uint32_t at = s->made.count++;
+    s->made.left[at] = s->node[k];
+    s->made.right[at] = s->node[r];
+    settle_value(s, k);
+    settle_value(s, r);
+    mni_witness_collapse(&s->witness, &s->surface, s->judge.ring, s->judge.ring_count, r, k);
+    s->node[k] = s->mesh->vertices + at;
+    s->node[r] = MN_NONE;
+    s->counts.collapses_by_stage[s->stage - 1]++;
+    if (s->stage == 1)
+        s->legal_last = s->mesh->vertices + at;
+    if (s->witness.no_memory || s->judge.no_memory)
+        return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
+    if (s->desc.progress != NULL && at % PROGRESS_EVERY == 0 &&
+        !s->desc.progress(s->desc.progress_context, "simplify", at, s->mesh->vertices))
+        return mn_fail(s->st, MN_FAILED, "interrupted");
+    return MN_OK;
+}
+
+static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
+    mni_judge_ring(&s->judge, &s->surface, r);
+    if (!mni_surface_collapse(&s->surface, r, k, s->made.count))
+        return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
+    mni_heap_remove(&s->heap, r);
+    if (s->quadric != NULL)
+        mni_quadric_add(&s->quadric[k], &s->quadric[r]);
+    for (uint32_t i = 0; i < s->judge.ring_count; i++) {
+        uint32_t n = s->judge.ring[i].vertex;
+        if (n != k) {
+            touch(s, n, k);
+            lower_floor(s, k, n);
+        }
+    }
+    s->stale[k] = true; /* and perhaps without a candidate: its turn will show */
+    mni_heap_set(&s->heap, k, s->floor[k]);
+    return mni_simplify_record(s, r, k);
+}
+
+static mn_code run_stage(mni_simplifier *s, int stage) {
+    s->stage = stage;
+    for (uint32_t v = 0; v < s->mesh->vertices; v++)
+        if (s->node[v] != MN_NONE)
+            offer(s, v);
+    for (;;) {
+        uint32_t r = mni_heap_top(&s->heap);
+        if (r == UINT32_MAX)
+            return MN_OK;
+        if (s->desc.stop_triangles > 0 && s->surface.alive_triangles <= s->desc.stop_triangles) {
+            s->stopped = true;
+            return MN_OK;
+        }
+        mni_heap_key key = s->heap.key[r];
+        if (s->stale[r] || cost_of(s, r, key.kept) > key.cost) {
+            offer(s, r);
+        } else if (!allowed(s, r, key.kept)) {
+            offer_next(s, r);
+        } else {
+            mn_code code = collapse(s, r, key.kept);
+            if (code != MN_OK)
+                return code;
+        }
+    }
+}
+
+/* ---- the run ---- */
+
+static void count_edges(mni_simplifier *s) {
+    for (uint32_t v = 0; v < s->mesh->vertices; v++) {
+        mni_judge_ring(&s->judge, &s->surface, v);
+        for (uint32_t i = 0; i < s->judge.ring_count; i++) {
+            const mni_ring_vertex *n = &s->judge.ring[i];
+            if (n->vertex < v)
+                continue;
+            s->counts.boundary_edges += n->triangles == 1;
+            s->counts.nonmanifold_edges +=
+                n->triangles > 2 || (n->triangles == 2 && n->balance != 0);
+        }
+    }
+}
+
+/* The simplifier's arrays and the tree, at their largest: bytes a vertex and a triangle, with room
+ * for the pool's packing. */
+static uint64_t need_bytes(uint64_t vertices, uint64_t triangles) {
+    uint64_t a_vertex = sizeof(mni_fan) + 8 /* seen */ + 16 + 4 /* heap */ + sizeof(mni_quadric) +
+                        sizeof(uint32_t) + sizeof(mni_heap_key) + 1 + 12 /* collapses */ +
+                        12 /* witness book */ + sizeof(mni_witnesses) / 2;
+    uint64_t a_triangle = sizeof(mni_simplex) + 12 + 18 + 18 + 12 + 4;
+    uint64_t tree = vertices * (12 + 4 + 4 * 5 + 8 + 6 + 4 + 4 + 12) + triangles * 12;
+    return vertices * a_vertex + triangles * a_triangle + tree + (1u << 20);
+}
+
+uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
+    uint64_t mesh = vertices * 16 + triangles * 12;
+    return mesh + need_bytes(vertices, triangles);
+}
+
+static mn_code open_run(mni_simplifier *s) {
+    uint32_t n = s->mesh->vertices;
+    mn_code code = mni_surface_open(&s->surface, s->mesh, s->st);
+    if (code == MN_OK)
+        code = mni_judge_open(&s->judge, s->mesh, s->st);
+    if (code == MN_OK)
+        code = mni_witness_open(&s->witness, s->mesh, s->st);
+    if (code != MN_OK)
+        return code;
+    s->node = malloc((size_t)n * sizeof *s->node);
+    s->floor = calloc(n, sizeof *s->floor);
+    s->stale = calloc(n, sizeof *s->stale);
+    s->made.left = malloc((size_t)n * sizeof *s->made.left);
+    s->made.right = malloc((size_t)n * sizeof *s->made.right);
+    s->made.switch_value = malloc((size_t)n * sizeof *s->made.switch_value);
+    if (s->desc.metric == MN_METRIC_QEM)
+        s->quadric = calloc(n, sizeof *s->quadric);
+    if (!mni_heap_open(&s->heap, n) || s->node == NULL || s->floor == NULL || s->stale == NULL ||
+        s->made.left == NULL || s->made.right == NULL || s->made.switch_value == NULL ||
+        (s->desc.metric == MN_METRIC_QEM && s->quadric == NULL))
+        return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
+    for (uint32_t v = 0; v < n; v++)
+        s->node[v] = v;
+    count_edges(s);
+    if (s->quadric != NULL)
+        mni_quadrics_fill(s->quadric, s->mesh, &s->judge, &s->surface);
+    s->legal_last = n - 1;
+    return MN_OK;
+}
+
+static void close_run(mni_simplifier *s) {
+    mni_surface_close(&s->surface);
+    mni_judge_close(&s->judge);
+    mni_witness_close(&s->witness);
+    mni_heap_close(&s->heap);
+    free(s->quadric);
+    free(s->node);
+    free(s->floor);
+    free(s->stale);
+    free(s->made.left);
+    free(s->made.right);
+    free(s->made.switch_value);
+}
+
+static mn_code run(mni_simplifier *s) {
+    mn_code code = open_run(s);
+    for (int stage = 1; stage <= 3 && code == MN_OK && !s->stopped; stage++)
+        code = run_stage(s, stage);
+    if (code != MN_OK || s->stopped)
+        return code;
+    MN_ASSERT(s->surface.alive_triangles == 0 && s->surface.alive_hinges == 0);
+    s->stage = 4;
+    s->judge.ring_count = 0; /* virtual edges have no ring */
+    s->counts.components = s->mesh->vertices - s->made.count;
+    code = mni_simplify_roots(s);
+    for (uint32_t v = 0; v < s->mesh->vertices; v++)
+        if (s->node[v] != MN_NONE)
+            settle_value(s, v);
+    return code;
+}
+
+mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out,
+                    mn_status *st) {
+    memset(out, 0, sizeof *out);
+    uint64_t need = mn_simplify_need_bytes(mesh->vertices, mesh->triangles);
+    if (desc->ram_bytes > 0 && need > desc->ram_bytes)
+        return mn_fail(st, MN_CAP_TOO_SMALL,
+                       "simplifying %u vertices and %u triangles in memory needs --ram %lluM",
+                       mesh->vertices, mesh->triangles,
+                       (unsigned long long)((need + (1u << 20) - 1) >> 20));
+    if (mesh->vertices == 0 || mesh->triangles == 0)
+        return mn_fail(st, MN_BAD_INPUT, "the mesh has no triangles");
+    double started_s = now_s();
+    mni_simplifier s = {.mesh = mesh, .desc = *desc, .st = st};
+    mn_code code = run(&s);
+    s.counts.rounds = 1;
+    s.counts.seconds_simplify = now_s() - started_s;
+    if (code == MN_OK && !s.stopped)
+        code = mni_tree_make(&s, out);
+    if (code == MN_OK) {
+        s.counts.seconds_simplify = now_s() - started_s;
+        out->counts = s.counts;
+        out->intake = mesh->intake;
+        out->metric = desc->metric;
+        out->legal_last = s.legal_last;
+        memcpy(out->origin, mesh->origin, sizeof out->origin);
+    }
+    close_run(&s);
+    return code;
+}

@@ -1,0 +1,234 @@
+/* See surface.h. What is hidden here: how incidence is kept, and when a hinge is made. */
+#include "surface.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "assert.h"
+
+static mn_code no_memory(mn_status *st) {
+    return mn_fail(st, MN_FAILED,
+                   "out of memory while simplifying; close something or lower --ram "
+                   "to be refused early");
+}
+
+static void fill_fans(mni_surface *s) {
+    for (uint32_t t = 0; t < s->triangles; t++)
+        for (int c = 0; c < 3; c++)
+            s->fan[s->simplex[t].v[c]].room++;
+    uint32_t at = 0;
+    for (uint32_t v = 0; v < s->vertices; v++) {
+        s->fan[v].first = at;
+        at += s->fan[v].room;
+    }
+    for (uint32_t t = 0; t < s->triangles; t++)
+        for (int c = 0; c < 3; c++) {
+            mni_fan *f = &s->fan[s->simplex[t].v[c]];
+            s->pool[f->first + f->count++] = t;
+        }
+    s->pool_used = at;
+}
+
+mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
+    *s = (mni_surface){.position = mesh->position,
+                       .vertices = mesh->vertices,
+                       .triangles = mesh->triangles,
+                       .simplices = mesh->triangles,
+                       .alive_triangles = mesh->triangles};
+    /* Hinges are rare (one in 10^5 triangles of a scan); loose triangles make one each. */
+    s->simplices_room = mesh->triangles + mesh->triangles / 64 + 16;
+    s->pool_room = (size_t)mesh->triangles * 3 + (size_t)mesh->triangles * 3 / 2 + 64;
+    if (s->pool_room > UINT32_MAX)
+        return mn_fail(st, MN_CAP_TOO_SMALL, "%u triangles are too many to simplify in memory",
+                       mesh->triangles);
+    s->simplex = malloc(s->simplices_room * sizeof *s->simplex);
+    s->origin = malloc((size_t)s->simplices_room * 3 * sizeof *s->origin);
+    s->fan = calloc(s->vertices, sizeof *s->fan);
+    s->pool = malloc(s->pool_room * sizeof *s->pool);
+    if (s->simplex == NULL || s->origin == NULL || s->fan == NULL || s->pool == NULL) {
+        mni_surface_close(s);
+        return no_memory(st);
+    }
+    memcpy(s->origin, mesh->corner, (size_t)mesh->triangles * 3 * sizeof *s->origin);
+    for (uint32_t t = 0; t < mesh->triangles; t++) {
+        const uint32_t *c = &mesh->corner[3 * (size_t)t];
+        s->simplex[t] = (mni_simplex){{c[0], c[1], c[2]}, MN_NONE};
+    }
+    fill_fans(s);
+    return MN_OK;
+}
+
+void mni_surface_close(mni_surface *s) {
+    free(s->simplex);
+    free(s->origin);
+    free(s->fan);
+    free(s->pool);
+    free(s->dead);
+    memset(s, 0, sizeof *s);
+}
+
+const uint32_t *mni_surface_fan(mni_surface *s, uint32_t v, uint32_t *count) {
+    mni_fan *f = &s->fan[v];
+    uint32_t *list = &s->pool[f->first];
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < f->count; i++) {
+        uint32_t x = list[i];
+        list[kept] = x;
+        kept += s->simplex[x].killed == MN_NONE;
+    }
+    f->count = kept;
+    *count = kept;
+    return list;
+}
+
+static bool holds(const mni_simplex *x, uint32_t v) {
+    return x->v[0] == v || x->v[1] == v || x->v[2] == v;
+}
+
+bool mni_surface_joined(mni_surface *s, uint32_t a, uint32_t b) {
+    if (s->fan[a].count > s->fan[b].count) {
+        uint32_t t = a;
+        a = b;
+        b = t;
+    }
+    const uint32_t *list = &s->pool[s->fan[a].first];
+    for (uint32_t i = 0; i < s->fan[a].count; i++) {
+        const mni_simplex *x = &s->simplex[list[i]];
+        if (x->killed == MN_NONE && holds(x, b))
+            return true;
+    }
+    return false;
+}
+
+/* Packs all lists to the front of a new pool, half as large again as what is alive. */
+static bool pack_pool(mni_surface *s, uint32_t wanted) {
+    size_t alive = 0;
+    for (uint32_t v = 0; v < s->vertices; v++) {
+        uint32_t count;
+        mni_surface_fan(s, v, &count);
+        alive += count;
+    }
+    size_t room = alive + alive / 2 + 2 * (size_t)wanted + 64;
+    uint32_t *pool = malloc(room * sizeof *pool);
+    if (pool == NULL)
+        return false;
+    size_t at = 0;
+    for (uint32_t v = 0; v < s->vertices; v++) {
+        mni_fan *f = &s->fan[v];
+        memcpy(&pool[at], &s->pool[f->first], f->count * sizeof *pool);
+        f->first = (uint32_t)at;
+        f->room = f->count;
+        at += f->count;
+    }
+    free(s->pool);
+    s->pool = pool;
+    s->pool_room = room;
+    s->pool_used = at;
+    return true;
+}
+
+/* Makes room for `more` entries behind k's list. */
+static bool reserve(mni_surface *s, uint32_t k, uint32_t more) {
+    uint32_t count;
+    mni_fan *f = &s->fan[k];
+    if (f->count + more <= f->room)
+        return true;
+    mni_surface_fan(s, k, &count);
+    uint32_t need = count + more;
+    if (need <= f->room)
+        return true;
+    uint32_t room = need + need / 2;
+    if (s->pool_used + room > s->pool_room && !pack_pool(s, room))
+        return false;
+    memcpy(&s->pool[s->pool_used], &s->pool[f->first], count * sizeof *s->pool);
+    f->first = (uint32_t)s->pool_used;
+    f->room = room;
+    s->pool_used += room;
+    return true;
+}
+
+static bool add_hinge(mni_surface *s, uint32_t k, uint32_t w, uint32_t of) {
+    if (s->simplices == s->simplices_room) {
+        uint32_t room = s->simplices_room + s->simplices_room / 4;
+        mni_simplex *simplex = realloc(s->simplex, room * sizeof *simplex);
+        if (simplex == NULL)
+            return false;
+        s->simplex = simplex;
+        uint32_t *origin = realloc(s->origin, (size_t)room * 3 * sizeof *origin);
+        if (origin == NULL)
+            return false;
+        s->origin = origin;
+        s->simplices_room = room;
+    }
+    uint32_t x = s->simplices;
+    const mni_simplex *t = &s->simplex[of];
+    uint32_t *o = &s->origin[3 * (size_t)x];
+    for (int c = 0; c < 3; c++) {
+        if (t->v[c] == k)
+            o[0] = s->origin[3 * (size_t)of + c];
+        if (t->v[c] == w)
+            o[1] = s->origin[3 * (size_t)of + c];
+    }
+    o[2] = MN_NONE;
+    s->simplex[x] = (mni_simplex){{k, w, MN_NONE}, MN_NONE};
+    if (!reserve(s, k, 1) || !reserve(s, w, 1))
+        return false;
+    s->pool[s->fan[k].first + s->fan[k].count++] = x;
+    s->pool[s->fan[w].first + s->fan[w].count++] = x;
+    s->simplices++;
+    s->alive_hinges++;
+    return true;
+}
+
+/* Where nothing alive joins k to the apex of a triangle that died, a hinge does from now on. */
+static bool hinge_apexes(mni_surface *s, uint32_t r, uint32_t k, uint32_t dead) {
+    for (uint32_t i = 0; i < dead; i++) {
+        uint32_t first = s->dead[i], w = MN_NONE;
+        for (int c = 0; c < 3; c++)
+            if (s->simplex[first].v[c] != r && s->simplex[first].v[c] != k)
+                w = s->simplex[first].v[c];
+        if (mni_surface_joined(s, k, w))
+            continue;
+        /* Of several triangles with this apex, the first in the input lends its vertices. */
+        for (uint32_t j = 0; j < dead; j++)
+            if (s->dead[j] < first && holds(&s->simplex[s->dead[j]], w))
+                first = s->dead[j];
+        if (!add_hinge(s, k, w, first))
+            return false;
+    }
+    return true;
+}
+
+bool mni_surface_collapse(mni_surface *s, uint32_t r, uint32_t k, uint32_t collapse) {
+    uint32_t count;
+    mni_surface_fan(s, r, &count);
+    if (count > s->dead_room) {
+        uint32_t *dead_list = realloc(s->dead, 2 * (size_t)count * sizeof *dead_list);
+        if (dead_list == NULL)
+            return false;
+        s->dead = dead_list;
+        s->dead_room = 2 * count;
+    }
+    if (!reserve(s, k, count))
+        return false;
+    const uint32_t *list = &s->pool[s->fan[r].first];
+    mni_fan *to = &s->fan[k];
+    uint32_t dead = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        mni_simplex *x = &s->simplex[list[i]];
+        if (!holds(x, k)) {
+            x->v[x->v[0] == r ? 0 : x->v[1] == r ? 1 : 2] = k;
+            s->pool[to->first + to->count++] = list[i];
+            continue;
+        }
+        x->killed = collapse;
+        if (x->v[2] == MN_NONE) {
+            s->alive_hinges--;
+        } else {
+            s->alive_triangles--;
+            s->dead[dead++] = list[i];
+        }
+    }
+    s->fan[r].count = 0;
+    return hinge_apexes(s, r, k, dead);
+}

@@ -1,0 +1,53 @@
+/* The switch value: how far the input surface beneath a node is from its star.
+ *
+ * Each node carries a bounded set of witnesses, points of the input surface beneath it. When r
+ * collapses into k, the witnesses of both are measured against the star that k has then; the
+ * largest distance, with what dropped witnesses added on, counts. Of too many the closest pair
+ * loses the one that is nearer to the surface, so that what stays is spread out and far off.
+ *
+ *   leaf: its own position and the centres of the input triangles that it answers for
+ *   node: at most MNI_WITNESSES, from a pool; the sets of two children become their parent's
+ *
+ * Witnesses are samples, and they see nothing where the new triangles lie across the old edges. So
+ * the middle of each old edge r–n is measured too: it counts for the new node, and for n, whose
+ * star has just changed as well. Samples fall short of a maximum by a factor; the factors in
+ * witness.c were measured (`metanode bench error`) so that 99.9 % of the surface is within the
+ * bound.
+ *
+ * A node's value is final when it becomes a child. One thread. Memory: 8 bytes a vertex, 4 a
+ * triangle, and at most half the vertices × sizeof(mni_witnesses). */
+#ifndef MNI_WITNESS_H
+#define MNI_WITNESS_H
+
+#include "legal.h"
+#include "surface.h"
+
+enum { MNI_WITNESSES = 10 };
+
+typedef struct mni_witnesses {
+    float point[MNI_WITNESSES][3];
+    float slack[MNI_WITNESSES];
+    uint32_t count;
+    uint32_t next_free;
+} mni_witnesses;
+
+typedef struct mni_witness_book {
+    const mn_mesh *mesh;
+    uint32_t *set; /* a vertex: its node's set; MN_NONE: a leaf still */
+    float *value;  /* a vertex: its node's switch value, which may still rise */
+    mni_witnesses *sets;
+    uint32_t sets_count, sets_room, free_set;
+    uint32_t *own_start; /* a vertex: in own[], the input triangles that it answers for */
+    uint32_t *own;
+    struct mni_star *star; /* scratch */
+    bool no_memory;
+} mni_witness_book;
+
+mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status *st);
+void mni_witness_close(mni_witness_book *book);
+/* r has just collapsed into k on the surface; ring: r's as it was before. Sets value[k] to the new
+ * node's switch value and raises those of the nodes around it. */
+void mni_witness_collapse(mni_witness_book *book, mni_surface *surface, const mni_ring_vertex *ring,
+                          uint32_t ring_count, uint32_t r, uint32_t k);
+
+#endif
