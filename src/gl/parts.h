@@ -1,0 +1,67 @@
+/* The parts of the module: contexts (offscreen.c, window.c), drawing (render.c), and what needs no
+ * GL at all (surface.c, png.c). One thread, that of the mn_gl. */
+#ifndef MNI_GL_PARTS_H
+#define MNI_GL_PARTS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "metanode/gl.h"
+
+/* ---- offscreen.c: a context without a display. The only file that knows EGL ----------------- */
+
+typedef struct mni_offscreen mni_offscreen;
+/* Makes an OpenGL 3.3 core context current. MN_NO_GRAPHICS says what each platform answered. */
+mn_code mni_offscreen_open(mni_offscreen **out, mn_status *st);
+void mni_offscreen_close(mni_offscreen *o);
+
+/* ---- window.c: a window and what the user does. The only file that knows GLFW --------------- */
+
+typedef struct mni_window mni_window;
+mn_code mni_window_open(uint32_t width, uint32_t height, const char *title, mni_window **out,
+                        mn_status *st); /* its context is current after it */
+void mni_window_size(const mni_window *w, uint32_t *width, uint32_t *height); /* framebuffer's */
+void mni_window_swap(mni_window *w);
+void mni_window_poll(mni_window *w, double timeout_s, mn_gl_input *out);
+void mni_window_title(mni_window *w, const char *text);
+void mni_window_close(mni_window *w);
+
+/* ---- render.c: a front to pixels. The only file that knows GL ------------------------------- */
+
+typedef struct mni_render mni_render;
+/* Needs a current context; allocates all buffers for the largest front. */
+mn_code mni_render_open(const mn_gl_desc *desc, mni_render **out, mn_status *st);
+mn_code mni_render_resize(mni_render *r, uint32_t width, uint32_t height, mn_status *st);
+mn_code mni_render_front(mni_render *r, const mn_front *front, mn_status *st);
+mn_code mni_render_draw(mni_render *r, const mn_camera *camera, const mn_gl_look *look,
+                        mn_status *st);
+void mni_render_present(mni_render *r); /* copies the picture to the window's framebuffer */
+void mni_render_size(const mni_render *r, uint32_t *width, uint32_t *height);
+mn_code mni_render_pixels(mni_render *r, uint8_t *rgba, mn_status *st); /* bottom row first */
+const char *mni_render_driver(const mni_render *r);
+void mni_render_close(mni_render *r); /* the context still current */
+
+/* ---- surface.c: the triangles of a front and their normals. Pure ---------------------------- */
+
+/* Writes the node slots of the front's triangles, 3 each, to index (3 × simplex_slots), and for
+ * each node slot the sum of the area-weighted normals around it to normal (3 × node_slots). Empty
+ * slots and hinges are skipped. Returns the number of triangles. */
+uint32_t mni_surface_gather(const mn_front *front, uint32_t *index, float *normal);
+/* Three floats of any length to GL's 10-10-10-2, signed, normalised; 0 where there is no
+ * direction. */
+uint32_t mni_surface_pack(const float normal[3]);
+
+/* ---- png.c ---------------------------------------------------------------------------------- */
+
+/* Opaque PNG of width × height × RGBA8, bottom row first; temporary name, sync, rename. MN_FAILED
+ * or MN_NO_SPACE; nothing is left behind then. */
+mn_code mni_png_write(const char *path, uint32_t width, uint32_t height, const uint8_t *rgba,
+                      mn_status *st);
+
+/* ---- shaders.c ------------------------------------------------------------------------------ */
+
+extern const char mni_shader_surface_vertex[], mni_shader_surface_fragment[];
+extern const char mni_shader_wire_geometry[], mni_shader_wire_fragment[];
+extern const char mni_shader_sky_vertex[], mni_shader_sky_fragment[];
+
+#endif

@@ -1,0 +1,75 @@
+/* Writes a picture as PNG. Hides libpng and its way of failing.
+ *
+ * Temporary name, sync, rename: a picture is there whole or not at all. Any thread; memory: a row
+ * and what libpng takes, until return. */
+#include "parts.h"
+
+#include <errno.h>
+#include <png.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+/* libpng reports here and must not return: an error text kept for the status, then back. */
+static void on_error(png_structp png, png_const_charp text) {
+    snprintf(png_get_error_ptr(png), 128, "%s", text);
+    png_longjmp(png, 1);
+}
+
+static void on_warning(png_structp png, png_const_charp text) {
+    (void)png;
+    (void)text;
+}
+
+/* All that may longjmp; no local is changed between setjmp and the jump. */
+static bool encode(FILE *file, uint32_t width, uint32_t height, const uint8_t *rgba,
+                   char error[128]) {
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, error, on_error, on_warning);
+    png_infop info = png != NULL ? png_create_info_struct(png) : NULL;
+    if (info == NULL || setjmp(png_jmpbuf(png)) != 0) {
+        png_destroy_write_struct(&png, &info);
+        return false;
+    }
+    png_init_io(png, file);
+    png_set_IHDR(png, info, width, height, 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE,
+                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    png_set_sRGB(png, info, PNG_sRGB_INTENT_PERCEPTUAL);
+    png_write_info(png, info);
+    png_set_filler(png, 0, PNG_FILLER_AFTER); /* drops alpha */
+    for (uint32_t y = height; y-- > 0;)
+        png_write_row(png, rgba + 4 * (size_t)width * y);
+    png_write_end(png, NULL);
+    png_destroy_write_struct(&png, &info);
+    return true;
+}
+
+static mn_code failure(const char *path, const char *why, mn_status *st) {
+    const int e = errno;
+    return mn_fail(st, e == ENOSPC || e == EDQUOT ? MN_NO_SPACE : MN_FAILED,
+                   "cannot write picture %s: %s; is the directory there, writable, not full?", path,
+                   e != 0 ? strerror(e) : why);
+}
+
+mn_code mni_png_write(const char *path, uint32_t width, uint32_t height, const uint8_t *rgba,
+                      mn_status *st) {
+    char temporary[4096];
+    char error[128] = "no memory";
+    if (snprintf(temporary, sizeof temporary, "%s.%ld.tmp", path, (long)getpid()) >=
+        (int)sizeof temporary)
+        return mn_fail(st, MN_USAGE, "path of the picture is longer than 4,000 characters");
+    errno = 0;
+    FILE *file = fopen(temporary, "wbe");
+    if (file == NULL)
+        return failure(path, error, st);
+    bool good = encode(file, width, height, rgba, error);
+    good = good && fflush(file) == 0 && fsync(fileno(file)) == 0;
+    mn_code code = good ? MN_OK : failure(path, error, st);
+    errno = 0;
+    if (fclose(file) != 0 && code == MN_OK)
+        code = failure(path, error, st);
+    if (code == MN_OK && rename(temporary, path) != 0)
+        code = failure(path, error, st);
+    if (code != MN_OK)
+        unlink(temporary);
+    return code;
+}

@@ -1,0 +1,21 @@
+/* The module metanode-gl.so, loaded when a picture or a window is asked for, and the memory that it
+ * takes, which is reported apart from the cap (gl_rss_bytes). Main thread only. */
+#ifndef METANODE_GL_LOAD_H
+#define METANODE_GL_LOAD_H
+
+#include "metanode/gl.h"
+
+typedef struct gl_load { /* zeroed: not loaded */
+    const mn_gl_api *api;
+    void *module;       /* stays loaded: drivers do not survive being unloaded */
+    uint64_t rss_bytes; /* by which the resident set grew between gl_load_enter and _leave */
+} gl_load;
+
+/* Loads the module from METANODE_HELPER_DIR, else from beside the program, else from the build
+ * tree. MN_NO_GRAPHICS says what was tried. */
+mn_code gl_load_module(gl_load *load, mn_status *st);
+/* Around calls into the module: what the process grew by in between is the module's. */
+uint64_t gl_load_enter(void);
+void gl_load_leave(gl_load *load, uint64_t entered);
+
+#endif
