@@ -28,49 +28,38 @@ void gl_load_leave(gl_load *load, uint64_t entered) {
         load->rss_bytes += now - entered;
 }
 
-/* The directories where the module may lie, in order; returns how many. */
-static int module_dirs(char dir[2][PATH_MAX]) {
+/* Where the module lies; the place beside the program when it is nowhere. */
+static void module_path(char path[PATH_MAX]) {
     const char *helper = getenv("METANODE_HELPER_DIR");
     if (helper != NULL) {
-        snprintf(dir[0], PATH_MAX, "%s", helper);
-        return 1;
+        snprintf(path, PATH_MAX, "%s/" MODULE, helper);
+        return;
     }
-    char program[PATH_MAX];
-    const ssize_t n = readlink("/proc/self/exe", program, sizeof program - 1);
-    program[n > 0 ? n : 0] = 0;
-    char *slash = strrchr(program, '/');
-    if (slash == NULL)
-        return 0;
-    *slash = 0;
-    snprintf(dir[0], PATH_MAX, "%s", program);
-    if (strlen(program) + sizeof "/../src/gl" > PATH_MAX)
-        return 1;
-    snprintf(dir[1], PATH_MAX, "%.*s/../src/gl", PATH_MAX - 12, program);
-    return 2;
+    char dir[PATH_MAX - 32]; /* room for what is added */
+    const ssize_t n = readlink("/proc/self/exe", dir, sizeof dir - 1);
+    dir[n > 0 ? n : 0] = 0;
+    char *slash = strrchr(dir, '/');
+    if (slash != NULL)
+        *slash = 0;
+    snprintf(path, PATH_MAX, "%s/../src/gl/" MODULE, dir); /* in the build tree */
+    char beside[PATH_MAX];
+    snprintf(beside, PATH_MAX, "%s/" MODULE, dir);
+    if (access(beside, F_OK) == 0 || access(path, F_OK) != 0)
+        memcpy(path, beside, PATH_MAX);
 }
 
 mn_code gl_load_module(gl_load *load, mn_status *st) {
     if (load->api != NULL)
         return MN_OK;
-    char dir[2][PATH_MAX], path[PATH_MAX + 16], why[300] = "the program's directory is unknown";
+    char path[PATH_MAX];
     const uint64_t entered = gl_load_enter();
-    const int dirs = module_dirs(dir);
-    for (int i = 0; i < dirs && load->module == NULL; i++) {
-        snprintf(path, sizeof path, "%s/" MODULE, dir[i]);
-        /* The first place that has the file is the one whose failure is worth telling. */
-        if (i + 1 < dirs && access(path, F_OK) != 0)
-            continue;
-        load->module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-        if (load->module == NULL)
-            snprintf(why, sizeof why, "%s", dlerror());
-        if (load->module == NULL && access(path, F_OK) == 0)
-            break;
-    }
+    module_path(path);
+    load->module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (load->module == NULL)
         return mn_fail(st, MN_NO_GRAPHICS,
                        "no graphics: cannot load " MODULE
                        " (%s); it belongs beside metanode or in METANODE_HELPER_DIR",
-                       why);
+                       dlerror());
     const mn_gl_api *api = dlsym(load->module, MN_GL_SYMBOL);
     if (api == NULL || api->version != MN_GL_VERSION)
         return mn_fail(st, MN_NO_GRAPHICS, "no graphics: %s is of another version of metanode",

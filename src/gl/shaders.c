@@ -20,7 +20,7 @@ const char mni_shader_surface_vertex[] =
     "centroid out vec3 v_normal;\n"
     "centroid out vec3 v_color;\n"
     "vec3 ramp(float t) {\n" /* blue, cyan, green, yellow, red */
-    "    return clamp(vec3(1.5) - abs(4.0 * vec3(t) - vec3(3.4, 2.0, 0.6)), 0.05, 0.95);\n"
+    "    return clamp(vec3(1.5) - abs(4.0 * vec3(t) - vec3(3.4, 2.0, 0.6)), 0.12, 0.88);\n"
     "}\n"
     "void main() {\n"
     "    vec3 p = view * (position - eye);\n"
@@ -44,7 +44,7 @@ const char mni_shader_surface_vertex[] =
     "    if (dot(n, at) > 0.0) n = -n;\n"                                                          \
     "    if (flat_shading || dot(smooth_normal, smooth_normal) < 1e-6) return n;\n"                \
     "    vec3 s = normalize(front ? smooth_normal : -smooth_normal);\n"                            \
-    "    return normalize(mix(n, s, smoothstep(0.0, 0.5, dot(n, s))));\n"                          \
+    "    return normalize(mix(n, s, smoothstep(0.3, 0.8, dot(n, s))));\n"                          \
     "}\n"                                                                                          \
     "float lobe(vec3 n, vec3 l, vec3 v, float power) {\n"                                          \
     "    return pow(max(dot(n, normalize(l + v)), 0.0), power);\n"                                 \
@@ -52,10 +52,10 @@ const char mni_shader_surface_vertex[] =
     "vec3 lit(vec3 albedo, vec3 n, vec3 at) {\n"                                                   \
     "    const vec3 key = vec3(-0.441, 0.606, 0.662), fill = vec3(0.784, -0.098, 0.613);\n"        \
     "    vec3 v = normalize(-at);\n"                                                               \
-    "    float k = max(dot(n, key) * 0.9 + 0.1, 0.0), f = max(dot(n, fill) * 0.8 + 0.2, 0.0);\n"   \
-    "    vec3 sky = mix(vec3(0.13, 0.12, 0.11), vec3(0.24, 0.26, 0.29), n.y * 0.5 + 0.5);\n"       \
-    "    vec3 light = sky + k * vec3(0.88, 0.85, 0.80) + f * vec3(0.14, 0.16, 0.20);\n"            \
-    "    float shine = 0.05 * lobe(n, key, v, 36.0) + 0.015 * lobe(n, fill, v, 18.0);\n"           \
+    "    float k = max(dot(n, key) * 0.95 + 0.05, 0.0), f = max(dot(n, fill) * 0.8 + 0.2, 0.0);\n" \
+    "    vec3 sky = mix(vec3(0.07, 0.06, 0.055), vec3(0.17, 0.19, 0.22), n.y * 0.5 + 0.5);\n"      \
+    "    vec3 light = sky + k * vec3(1.08, 1.04, 0.97) + f * vec3(0.13, 0.15, 0.19);\n"            \
+    "    float shine = 0.07 * lobe(n, key, v, 40.0) + 0.015 * lobe(n, fill, v, 18.0);\n"           \
     "    float rim = 0.05 * pow(1.0 - max(dot(n, v), 0.0), 4.0);\n"                                \
     "    return albedo * light + vec3(shine + rim);\n"                                             \
     "}\n"
