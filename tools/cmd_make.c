@@ -1,0 +1,74 @@
+/* metanode make: models of any size. Thin over mn_make. */
+#include "cli.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "metanode/build.h"
+
+static const char help[] =
+    "usage: metanode make SHAPE -o OUT.ply [--triangles N] [--seed S]\n\n"
+    "  sphere      a rocky planetoid: closed, genus 0, craters and ridges of every size\n"
+    "  terrain     mountains: an open height field, about square\n"
+    "\n"
+    "  -o FILE         the model, binary PLY with colours; streamed, whatever its size\n"
+    "  --triangles N   about so many: sphere within 7 × √N, terrain within √N, isosurface within\n"
+    "                  a few percent from 10,000 on; default 100000\n"
+    "  --seed S        another model of the same kind; default 0. Same options, same bytes\n";
+
+/* By mn_shape. */
+static const char *const shape_names[] = {"sphere", "terrain", NULL};
+
+static int make_shape(int argc, char **argv, const mn_make_desc *desc_in, const char *out) {
+    mn_make_desc desc = *desc_in;
+    mn_status st = {0};
+    cli_meter meter = {0};
+    int shape = cli_choice(argv[0], shape_names);
+    if (shape < 0)
+        return cli_error(MN_USAGE, "make: no shape '%s'; metanode make --help lists them", argv[0]);
+    if (argc > 1)
+        return cli_error(MN_USAGE, "make: '%s' is one argument too many", argv[1]);
+    if (out == NULL)
+        return cli_error(MN_USAGE, "make: where to? give -o OUT.ply");
+    desc.shape = (mn_shape)shape;
+    desc.progress = cli_progress;
+    desc.progress_context = &meter;
+    mn_make(out, &desc, &st);
+    cli_progress_end(&meter);
+    return cli_status(&st);
+}
+
+int cmd_make(int argc, char **argv) {
+    enum { TRIANGLES = 256, SEED };
+    static const struct option options[] = {{"output", required_argument, NULL, 'o'},
+                                            {"triangles", required_argument, NULL, TRIANGLES},
+                                            {"seed", required_argument, NULL, SEED},
+                                            {"help", no_argument, NULL, 'h'},
+                                            {0}};
+    mn_make_desc desc = {0};
+    const char *out = NULL;
+    int option;
+    while ((option = cli_option(argc, argv, "o:h", options)) != -1) {
+        switch (option) {
+        case 'o':
+            out = optarg;
+            break;
+        case TRIANGLES:
+            if (!cli_u64(optarg, 1, UINT64_MAX, &desc.triangles))
+                return cli_error(MN_USAGE, "make: --triangles '%s' is no number above 0", optarg);
+            break;
+        case SEED:
+            if (!cli_u64(optarg, 0, UINT64_MAX, &desc.seed))
+                return cli_error(MN_USAGE, "make: --seed '%s' is no whole number", optarg);
+            break;
+        case 'h':
+            fputs(help, stdout);
+            return MN_OK;
+        default:
+            return MN_USAGE;
+        }
+    }
+    if (optind >= argc)
+        return cli_error(MN_USAGE, "make: which shape? metanode make --help lists them");
+    return make_shape(argc - optind, argv + optind, &desc, out);
+}
