@@ -16,12 +16,12 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the stream is the host
 
 template <class T> static void take(std::vector<T> &out, size_t count) {
     out.resize(count);
-    if (fread(out.data(), sizeof(T), count, stdin) != count)
+    if (count > 0 && fread(out.data(), sizeof(T), count, stdin) != count)
         throw trouble("the mesh on standard input is cut short");
 }
 
 template <class T> static void put(const T *values, size_t count) {
-    if (fwrite(values, sizeof(T), count, stdout) != count)
+    if (count > 0 && fwrite(values, sizeof(T), count, stdout) != count)
         throw trouble("cannot write the mesh to standard output");
 }
 
