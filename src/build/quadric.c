@@ -86,26 +86,3 @@ void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh, mni_judge *jud
     for (uint32_t v = 0; v < mesh->vertices; v++)
         add_walls(quadric, mesh, judge, surface, v);
 }
-
-double mni_quadric_at(const mni_quadric *a, const mni_quadric *b, const float p[3]) {
-    double x = p[0], y = p[1], z = p[2];
-    double value =
-        (a->xx + b->xx) * x * x + (a->yy + b->yy) * y * y + (a->zz + b->zz) * z * z +
-        2 * ((a->xy + b->xy) * x * y + (a->xz + b->xz) * x * z + (a->yz + b->yz) * y * z +
-             (a->x + b->x) * x + (a->y + b->y) * y + (a->z + b->z) * z) +
-        a->c + b->c;
-    return value > 0 ? value : 0;
-}
-
-void mni_quadric_add(mni_quadric *to, const mni_quadric *from) {
-    to->xx += from->xx;
-    to->xy += from->xy;
-    to->xz += from->xz;
-    to->yy += from->yy;
-    to->yz += from->yz;
-    to->zz += from->zz;
-    to->x += from->x;
-    to->y += from->y;
-    to->z += from->z;
-    to->c += from->c;
-}

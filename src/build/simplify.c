@@ -20,7 +20,10 @@
 
 #include "assert.h"
 
-enum { PROGRESS_EVERY = 1 << 14 };
+enum {
+    PROGRESS_EVERY = 1 << 14,
+    MET_MAX = 12, /* neighbours remembered, so that the cost of each is worked out once */
+};
 
 static double now_s(void) {
     struct timespec t;
@@ -39,20 +42,28 @@ static float cost_of(const mni_simplifier *s, uint32_t r, uint32_t k) {
     return (float)(x * x + y * y + z * z);
 }
 
+/* Whether k is among the first `count` of list; remembers it there when there is room. */
+static bool met_before(uint32_t *list, uint32_t *count, uint32_t k) {
+    for (uint32_t i = 0; i < *count; i++)
+        if (list[i] == k)
+            return true;
+    if (*count < MET_MAX)
+        list[(*count)++] = k;
+    return false;
+}
+
 /* The cheapest candidate of r that is above `after` (NULL: of all). False: there is none. */
 static bool best_candidate(mni_simplifier *s, uint32_t r, const mni_heap_key *after,
                            mni_heap_key *best) {
-    uint32_t count;
+    uint32_t count, met[MET_MAX], met_count = 0;
     const uint32_t *fan = mni_surface_fan(&s->surface, r, &count);
     bool found = false;
-    uint32_t last = MN_NONE;
     for (uint32_t i = 0; i < count; i++) {
         const mni_simplex *x = &s->surface.simplex[fan[i]];
         for (int c = 0; c < 3; c++) {
             uint32_t k = x->v[c];
-            if (k == r || k == MN_NONE || k == last)
+            if (k == r || k == MN_NONE || met_before(met, &met_count, k))
                 continue;
-            last = k;
             mni_heap_key key = {cost_of(s, r, k), k};
             if (after != NULL && !mni_heap_key_less(*after, r, key, r))
                 continue;

@@ -11,6 +11,30 @@ typedef struct mni_quadric { /* vᵀAv + 2bᵀv + c, A symmetric: squared distan
     double xx, xy, xz, yy, yz, zz, x, y, z, c;
 } mni_quadric;
 
+/* Value at p of the sum of two quadrics. */
+static inline double mni_quadric_at(const mni_quadric *a, const mni_quadric *b, const float p[3]) {
+    double x = p[0], y = p[1], z = p[2];
+    double value =
+        (a->xx + b->xx) * x * x + (a->yy + b->yy) * y * y + (a->zz + b->zz) * z * z +
+        2 * ((a->xy + b->xy) * x * y + (a->xz + b->xz) * x * z + (a->yz + b->yz) * y * z +
+             (a->x + b->x) * x + (a->y + b->y) * y + (a->z + b->z) * z) +
+        a->c + b->c;
+    return value > 0 ? value : 0;
+}
+
+static inline void mni_quadric_add(mni_quadric *to, const mni_quadric *from) {
+    to->xx += from->xx;
+    to->xy += from->xy;
+    to->xz += from->xz;
+    to->yy += from->yy;
+    to->yz += from->yz;
+    to->zz += from->zz;
+    to->x += from->x;
+    to->y += from->y;
+    to->z += from->z;
+    to->c += from->c;
+}
+
 /* Collapses as they were made, in input vertices: r went into k. */
 typedef struct mni_collapses {
     uint32_t *left, *right; /* nodes: input vertex, or vertices + collapse */
@@ -40,8 +64,6 @@ typedef struct mni_simplifier {
 /* quadric.c: one for each vertex, of its triangles and, along boundaries, of walls on them. */
 void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh, mni_judge *judge,
                        mni_surface *surface);
-double mni_quadric_at(const mni_quadric *a, const mni_quadric *b, const float p[3]);
-void mni_quadric_add(mni_quadric *to, const mni_quadric *from);
 
 /* Records the collapse of r into k in the tree: the surface has been changed. MN_FAILED: memory. */
 mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k);

@@ -8,6 +8,9 @@
 #include "assert.h"
 #include "simplify.h"
 
+/* acosf near 1 turns a last bit of the dot product into this much. */
+#define NORMAL_ERROR_RAD 1e-3f
+
 typedef struct maker {
     mni_simplifier *s;
     mn_tree *tree;
@@ -15,6 +18,7 @@ typedef struct maker {
     uint32_t *vertex_of; /* leaf id → input vertex */
     uint32_t *stack;
     float *leaf_radius;
+    float *leaf_axis, *leaf_cosine; /* of the cones: mean normal, and the one farthest from it */
     mn_cone *leaf_cone;
 } maker;
 
@@ -85,19 +89,14 @@ static float distance(const float *a, const float *b) {
     return nextafterf((float)sqrt(sum), INFINITY);
 }
 
-/* Spheres and cones of leaves: all input triangles incident to them. */
+/* Spheres of leaves, and the sums of the normals that their cones must hold: all input triangles
+ * incident to them. */
 static void bound_leaves(maker *m) {
     const mn_mesh *mesh = m->s->mesh;
-    const mni_judge *judge = &m->s->judge;
-    bool *some = calloc(m->tree->leaves, 1);
-    for (uint32_t t = 0; some != NULL && t < mesh->triangles; t++) {
-        const uint32_t *c = &mesh->corner[3 * (size_t)t];
-        const float *n = &judge->normal[3 * (size_t)t];
-        bool flat = n[0] == 0 && n[1] == 0 && n[2] == 0;
-        mn_cone cone = {{0, 0}, UINT16_MAX};
-        if (!flat)
-            cone = mn_cone_make(n, 0);
+    const float *normal = m->s->judge.normal;
+    for (uint32_t t = 0; t < mesh->triangles; t++)
         for (int i = 0; i < 3; i++) {
+            const uint32_t *c = &mesh->corner[3 * (size_t)t];
             uint32_t leaf = m->leaf_of[c[i]];
             for (int j = 0; j < 3; j++) {
                 float d = j == i ? 0
@@ -105,12 +104,37 @@ static void bound_leaves(maker *m) {
                                             &mesh->position[3 * (size_t)c[j]]);
                 if (d > m->leaf_radius[leaf])
                     m->leaf_radius[leaf] = d;
+                m->leaf_axis[3 * (size_t)leaf + j] += normal[3 * (size_t)t + j];
             }
-            m->leaf_cone[leaf] = some[leaf] ? mn_cone_merge(m->leaf_cone[leaf], cone) : cone;
-            some[leaf] = true;
         }
+}
+
+/* Cones of leaves: about the mean normal, as wide as the normal farthest from it. */
+static void cone_leaves(maker *m) {
+    const mn_mesh *mesh = m->s->mesh;
+    const float *normal = m->s->judge.normal;
+    for (uint32_t leaf = 0; leaf < m->tree->leaves; leaf++) {
+        float *a = &m->leaf_axis[3 * (size_t)leaf];
+        float length = sqrtf(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+        for (int i = 0; i < 3; i++)
+            a[i] = length > 0 ? a[i] / length : i == 2;
+        m->leaf_cosine[leaf] = 1;
     }
-    free(some);
+    for (uint32_t t = 0; t < mesh->triangles; t++)
+        for (int i = 0; i < 3; i++) {
+            uint32_t leaf = m->leaf_of[mesh->corner[3 * (size_t)t + i]];
+            const float *a = &m->leaf_axis[3 * (size_t)leaf], *n = &normal[3 * (size_t)t];
+            float cosine = a[0] * n[0] + a[1] * n[1] + a[2] * n[2];
+            if (n[0] == 0 && n[1] == 0 && n[2] == 0) /* no area, no normal, no bound */
+                cosine = -1;
+            if (cosine < m->leaf_cosine[leaf])
+                m->leaf_cosine[leaf] = cosine;
+        }
+    for (uint32_t leaf = 0; leaf < m->tree->leaves; leaf++) {
+        float cosine = m->leaf_cosine[leaf];
+        float angle = cosine <= -1 ? (float)M_PI : acosf(cosine) + NORMAL_ERROR_RAD;
+        m->leaf_cone[leaf] = mn_cone_make(&m->leaf_axis[3 * (size_t)leaf], angle);
+    }
 }
 
 typedef struct bounds {
@@ -196,15 +220,19 @@ mn_code mni_tree_make(mni_simplifier *s, mn_tree *t) {
                .vertex_of = malloc(leaves * sizeof(uint32_t)),
                .stack = malloc(((size_t)leaves * 2 + 2) * sizeof(uint32_t)),
                .leaf_radius = calloc(leaves, sizeof(float)),
+               .leaf_axis = calloc((size_t)leaves * 3, sizeof(float)),
+               .leaf_cosine = calloc(leaves, sizeof(float)),
                .leaf_cone = calloc(leaves, sizeof(mn_cone))};
     mn_code code = MN_OK;
     if (!take_arrays(t, s->mesh) || m.leaf_of == NULL || m.vertex_of == NULL || m.stack == NULL ||
-        m.leaf_radius == NULL || m.leaf_cone == NULL) {
+        m.leaf_radius == NULL || m.leaf_axis == NULL || m.leaf_cosine == NULL ||
+        m.leaf_cone == NULL) {
         mn_tree_free(t);
         code = mn_fail(s->st, MN_FAILED, "out of memory for a tree of %u leaves", leaves);
     } else {
         place_leaves(&m);
         bound_leaves(&m);
+        cone_leaves(&m);
         fill_inner(&m);
         sort_simplices(&m);
     }
@@ -212,6 +240,8 @@ mn_code mni_tree_make(mni_simplifier *s, mn_tree *t) {
     free(m.vertex_of);
     free(m.stack);
     free(m.leaf_radius);
+    free(m.leaf_axis);
+    free(m.leaf_cosine);
     free(m.leaf_cone);
     return code;
 }

@@ -12,17 +12,22 @@
 
 #include "assert.h"
 
-/* The star, prepared: for triangle (k, a, b) the edges from k and what projecting on them needs. */
-typedef struct star_triangle {
-    float a[3], b[3], ab[3];
-    float aa, bb, ab_ab; /* squared lengths; the inverse below is 0 for an edge without length */
-    float aa_inverse, bb_inverse, ab_inverse;
-    float a_dot_b, area_inverse; /* 1 / (aa·bb − (a·b)²); 0: a triangle without area */
-} star_triangle;
+/* Four triangles of the star side by side: (k, a, b) as the edges from k, and what projecting on
+ * them needs. Plain vector arithmetic, no fused operations: the same bits on every machine. */
+enum { LANES = 4 }; /* what plain SSE2 holds in a register; 8 was slower without AVX */
+typedef float lanes __attribute__((vector_size(4 * LANES)));
+typedef int32_t masks __attribute__((vector_size(4 * LANES)));
+
+typedef struct star_group {
+    lanes a[3], b[3], ab[3];
+    lanes aa, bb, a_dot_b;
+    lanes aa_inverse, bb_inverse, ab_inverse; /* of squared lengths; 0: an edge without length */
+    lanes area_inverse; /* 1 / (aa·bb − (a·b)²); 0: a triangle without area */
+} star_group;
 
 typedef struct mni_star {
-    star_triangle *triangle;
-    uint32_t count, room;
+    star_group *group;           /* the last one is filled up with copies of its last triangle */
+    uint32_t count, groups_room; /* triangles; groups */
     float point[2 * MNI_WITNESSES + 64][3];
     float slack[2 * MNI_WITNESSES + 64];
     float distance[2 * MNI_WITNESSES + 64];
@@ -72,7 +77,7 @@ mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status 
 
 void mni_witness_close(mni_witness_book *book) {
     if (book->star != NULL)
-        free(book->star->triangle);
+        free(book->star->group);
     free(book->star);
     free(book->set);
     free(book->value);
@@ -90,81 +95,103 @@ static float inverse(float x) {
     return x > FLT_MIN ? 1 / x : 0;
 }
 
-static void prepare(star_triangle *t, const float *k, const float *a, const float *b) {
+static void prepare(star_group *g, int lane, const float *k, const float *a, const float *b) {
+    float ka[3], kb[3], ab[3];
     for (int i = 0; i < 3; i++) {
-        t->a[i] = a[i] - k[i];
-        t->b[i] = b[i] - k[i];
-        t->ab[i] = b[i] - a[i];
+        ka[i] = a[i] - k[i];
+        kb[i] = b[i] - k[i];
+        ab[i] = b[i] - a[i];
+        g->a[i][lane] = ka[i];
+        g->b[i][lane] = kb[i];
+        g->ab[i][lane] = ab[i];
     }
-    t->aa = dot3(t->a, t->a);
-    t->bb = dot3(t->b, t->b);
-    t->ab_ab = dot3(t->ab, t->ab);
-    t->a_dot_b = dot3(t->a, t->b);
-    t->aa_inverse = inverse(t->aa);
-    t->bb_inverse = inverse(t->bb);
-    t->ab_inverse = inverse(t->ab_ab);
-    float area = t->aa * t->bb - t->a_dot_b * t->a_dot_b;
-    t->area_inverse = area > 1e-10f * t->aa * t->bb ? 1 / area : 0;
+    float aa = dot3(ka, ka), bb = dot3(kb, kb), a_dot_b = dot3(ka, kb);
+    float area = aa * bb - a_dot_b * a_dot_b;
+    g->aa[lane] = aa;
+    g->bb[lane] = bb;
+    g->a_dot_b[lane] = a_dot_b;
+    g->aa_inverse[lane] = inverse(aa);
+    g->bb_inverse[lane] = inverse(bb);
+    g->ab_inverse[lane] = inverse(dot3(ab, ab));
+    g->area_inverse[lane] = area > 1e-10f * aa * bb ? 1 / area : 0;
 }
 
 static bool prepare_star(mni_star *star, mni_surface *s, uint32_t k) {
     uint32_t count;
     const uint32_t *fan = mni_surface_fan(s, k, &count);
-    if (count > star->room) {
-        star_triangle *more = realloc(star->triangle, 2 * (size_t)count * sizeof *more);
-        if (more == NULL)
+    if (count > star->groups_room * LANES) {
+        uint32_t groups = 2 * (count / LANES + 1);
+        free(star->group);
+        star->group = aligned_alloc(sizeof(lanes), groups * sizeof *star->group);
+        star->groups_room = star->group != NULL ? groups : 0;
+        if (star->group == NULL)
             return false;
-        star->triangle = more;
-        star->room = 2 * count;
     }
     star->count = 0;
+    const float *at_k = &s->position[3 * (size_t)k], *a = at_k, *b = at_k;
     for (uint32_t i = 0; i < count; i++) {
         const mni_simplex *x = &s->simplex[fan[i]];
         if (x->v[2] == MN_NONE)
             continue;
         int c = x->v[0] == k ? 0 : x->v[1] == k ? 1 : 2;
-        prepare(&star->triangle[star->count++], &s->position[3 * (size_t)k],
-                &s->position[3 * (size_t)x->v[c == 2 ? 0 : c + 1]],
-                &s->position[3 * (size_t)x->v[c == 0 ? 2 : c - 1]]);
+        a = &s->position[3 * (size_t)x->v[c == 2 ? 0 : c + 1]];
+        b = &s->position[3 * (size_t)x->v[c == 0 ? 2 : c - 1]];
+        prepare(&star->group[star->count / LANES], (int)(star->count % LANES), at_k, a, b);
+        star->count++;
     }
+    for (uint32_t i = star->count; i % LANES != 0; i++)
+        prepare(&star->group[i / LANES], (int)(i % LANES), at_k, a, b);
     return true;
 }
 
-static float clamp01(float t) {
-    return t < 0 ? 0 : t > 1 ? 1 : t;
+static inline lanes pick(masks which, lanes yes, lanes no) {
+    return (lanes)((which & (masks)yes) | (~which & (masks)no));
 }
 
-/* Squared distance from p (relative to k) to a triangle of the star. */
-static inline float triangle_distance2(const star_triangle *t, const float *p) {
-    float pa = dot3(p, t->a), pb = dot3(p, t->b), pp = dot3(p, p);
-    float u = (t->bb * pa - t->a_dot_b * pb) * t->area_inverse;
-    float v = (t->aa * pb - t->a_dot_b * pa) * t->area_inverse;
-    float q[3] = {p[0] - t->a[0], p[1] - t->a[1], p[2] - t->a[2]};
-    if (u >= 0 && v >= 0 && u + v <= 1 && t->area_inverse > 0) {
-        float r[3];
-        for (int i = 0; i < 3; i++)
-            r[i] = p[i] - u * t->a[i] - v * t->b[i];
-        return dot3(r, r);
-    }
-    float on_a = clamp01(pa * t->aa_inverse);
-    float on_b = clamp01(pb * t->bb_inverse);
-    float qab = dot3(q, t->ab);
-    float on_ab = clamp01(qab * t->ab_inverse);
-    float to_a = pp - on_a * (2 * pa - on_a * t->aa);
-    float to_b = pp - on_b * (2 * pb - on_b * t->bb);
-    float to_ab = dot3(q, q) - on_ab * (2 * qab - on_ab * t->ab_ab);
-    float best = to_a < to_b ? to_a : to_b;
-    best = to_ab < best ? to_ab : best;
-    return best > 0 ? best : 0;
+static inline lanes least(lanes a, lanes b) {
+    return pick(a < b, a, b);
+}
+
+static inline lanes clamp01(lanes t) {
+    lanes zero = {0}, one = zero + 1;
+    return pick(t < zero, zero, pick(t > one, one, t));
+}
+
+static inline lanes square(lanes x, lanes y, lanes z) {
+    return x * x + y * y + z * z;
+}
+
+/* Squared distances from p (relative to k) to four triangles: to the plane where p lies above the
+ * triangle, otherwise to the nearest edge. Remainders are formed before they are squared: the other
+ * way round loses half of the digits. */
+static inline lanes group_distance2(const star_group *g, const float *p) {
+    lanes pa = p[0] * g->a[0] + p[1] * g->a[1] + p[2] * g->a[2];
+    lanes pb = p[0] * g->b[0] + p[1] * g->b[1] + p[2] * g->b[2];
+    lanes u = (g->bb * pa - g->a_dot_b * pb) * g->area_inverse;
+    lanes v = (g->aa * pb - g->a_dot_b * pa) * g->area_inverse;
+    lanes zero = {0};
+    masks above = (u >= zero) & (v >= zero) & (u + v <= zero + 1) & (g->area_inverse > zero);
+    lanes plane = square(p[0] - u * g->a[0] - v * g->b[0], p[1] - u * g->a[1] - v * g->b[1],
+                         p[2] - u * g->a[2] - v * g->b[2]);
+    lanes on_a = clamp01(pa * g->aa_inverse), on_b = clamp01(pb * g->bb_inverse);
+    lanes qx = p[0] - g->a[0], qy = p[1] - g->a[1], qz = p[2] - g->a[2];
+    lanes on_ab = clamp01((qx * g->ab[0] + qy * g->ab[1] + qz * g->ab[2]) * g->ab_inverse);
+    lanes edge = square(p[0] - on_a * g->a[0], p[1] - on_a * g->a[1], p[2] - on_a * g->a[2]);
+    edge = least(edge, square(p[0] - on_b * g->b[0], p[1] - on_b * g->b[1], p[2] - on_b * g->b[2]));
+    edge = least(edge, square(qx - on_ab * g->ab[0], qy - on_ab * g->ab[1], qz - on_ab * g->ab[2]));
+    return pick(above, plane, edge);
 }
 
 static float star_distance(const mni_star *star, const float *p) {
-    float best = star->count == 0 ? dot3(p, p) : INFINITY;
-    for (uint32_t i = 0; i < star->count; i++) {
-        float d = triangle_distance2(&star->triangle[i], p);
-        best = d < best ? d : best;
-    }
-    return sqrtf(best);
+    if (star->count == 0)
+        return sqrtf(dot3(p, p));
+    lanes best = group_distance2(&star->group[0], p);
+    for (uint32_t i = 1; i * LANES < star->count; i++)
+        best = least(best, group_distance2(&star->group[i], p));
+    float least_of = best[0];
+    for (int i = 1; i < LANES; i++)
+        least_of = best[i] < least_of ? best[i] : least_of;
+    return sqrtf(least_of);
 }
 
 static uint32_t gather_point(mni_star *star, uint32_t n, const float *k, const float *p,
