@@ -1,4 +1,155 @@
+/* From a path to a mesh: which format it is, its reader, the intake.
+ *
+ * Secret: how a format is known. Content decides, never the name: magics first, then the equation
+ * of a binary STL (84 + 50 n bytes; its header may begin with "solid" or anything), then words.
+ * What is none of these and is text is tried as OBJ, whose reader knows when it is not.
+ * Threads: any, each call on its own. Memory: the intake's, and what the mesh owns. */
 #include "metanode/build.h"
-void mn_mesh_free(mn_mesh *m) {
-    (void)m;
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <time.h>
+
+#include "reader.h"
+
+enum { SNIFF_BYTES = 4096, STL_HEAD_BYTES = 84, STL_FACET_BYTES = 50 };
+
+typedef enum format { UNKNOWN, PLY, OFF, STL_BINARY, STL_ASCII, OPENMESH, OBJ } format;
+
+static double now_s(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static bool is_space(char c) {
+    return c == ' ' || (c >= '\t' && c <= '\r');
+}
+
+/* Does the text begin with that word, blank or end after it? */
+static bool begins(const mni_source *source, const char *word) {
+    size_t length = strlen(word);
+    size_t left = (size_t)(source->end - source->at);
+    return left >= length && strncasecmp(source->at, word, length) == 0 &&
+           (left == length || is_space(source->at[length]));
+}
+
+/* [ST][C][N][4][n]OFF; the reader refuses the kinds that it does not know. */
+static bool begins_off(const mni_source *source) {
+    const char *p = source->at;
+    p += strncmp(p, "ST", 2) == 0 ? 2 : 0;
+    p += *p == 'C';
+    p += *p == 'N';
+    p += *p == '4';
+    p += *p == 'n';
+    return strncmp(p, "OFF", 3) == 0 && (p[3] == 0 || p[3] == '#' || is_space(p[3]));
+}
+
+static uint64_t stl_facets(const mni_source *source) {
+    uint32_t facets;
+    memcpy(&facets, source->at + STL_HEAD_BYTES - sizeof facets, sizeof facets);
+    return facets;
+}
+
+static format format_of(mni_source *source) {
+    mni_source_have(source, SNIFF_BYTES);
+    size_t left = (size_t)(source->end - source->at);
+    if (left >= 4 && memcmp(source->at, "ply", 3) == 0 && is_space(source->at[3]))
+        return PLY;
+    if (left >= 4 && memcmp(source->at, "OM", 2) == 0 && strchr("TQP", source->at[2]) != NULL &&
+        (unsigned char)source->at[3] < ' ')
+        return OPENMESH;
+    if (left >= STL_HEAD_BYTES &&
+        source->size == STL_HEAD_BYTES + STL_FACET_BYTES * stl_facets(source))
+        return STL_BINARY;
+    size_t sniffed = left < SNIFF_BYTES ? left : SNIFF_BYTES;
+    if (memchr(source->at, 0, sniffed) != NULL)
+        return UNKNOWN;
+    if (left >= 3 && memcmp(source->at, "\xef\xbb\xbf", 3) == 0)
+        source->at += 3; /* a byte-order mark of UTF-8 */
+    while (is_space(*source->at)) {
+        source->line += *source->at == '\n';
+        source->at++;
+    }
+    if (begins_off(source))
+        return OFF;
+    return begins(source, "solid") ? STL_ASCII : OBJ;
+}
+
+/* No text and no magic: at best a binary STL of the wrong length. */
+static bool refuse_unknown(mni_source *source) {
+    char hint[160] = "";
+    if (source->size >= STL_HEAD_BYTES)
+        snprintf(hint, sizeof hint,
+                 " (as a binary STL of %" PRIu64 " facets it would have %" PRIu64
+                 " bytes; it has %" PRIu64 ")",
+                 stl_facets(source), STL_HEAD_BYTES + STL_FACET_BYTES * stl_facets(source),
+                 source->size);
+    mn_fail(source->st, MN_BAD_INPUT,
+            "%s: not a mesh file that is known here: PLY, STL, OBJ, OFF and OM are%s", source->name,
+            hint);
+    return false;
+}
+
+static bool read_format(format kind, mni_source *source, mni_intake *intake) {
+    switch (kind) {
+    case PLY:
+        return mni_read_ply(source, intake);
+    case OBJ:
+        return mni_read_obj(source, intake);
+    default:
+        return refuse_unknown(source);
+    }
+}
+
+bool mni_read_out_of_range(mni_source *source, const char *element, uint64_t number, int64_t vertex,
+                           uint64_t vertices) {
+    return mni_source_fail(source, "%s %" PRIu64 ": vertex %" PRId64 " of %" PRIu64, element,
+                           number, vertex, vertices);
+}
+
+uint32_t mni_read_channel(double value) {
+    if (!(value > 0))
+        return 0;
+    return value >= 1 ? 255 : (uint32_t)(value * 255 + 0.5);
+}
+
+static bool read_source(mni_source *source, const mn_read_desc *desc, mn_mesh *out) {
+    format kind = format_of(source);
+    if (source->st->code != MN_OK)
+        return false;
+    bool soup = kind == STL_BINARY || kind == STL_ASCII;
+    mni_intake *intake = mni_intake_open(desc, soup, source->name, source->st);
+    bool ok = intake != NULL && read_format(kind, source, intake) && source->st->code == MN_OK &&
+              mni_intake_finish(intake, out);
+    mni_intake_close(intake);
+    return ok;
+}
+
+mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, mn_status *st) {
+    const mn_read_desc defaults = {0};
+    mn_status own = {0};
+    double started_s = now_s();
+    mni_source source;
+    *out = (mn_mesh){0};
+    if (desc == NULL)
+        desc = &defaults;
+    if (mni_source_open(&source, path, desc, &own) && read_source(&source, desc, out)) {
+        out->bytes_read = source.size;
+        out->seconds_read = now_s() - started_s;
+    }
+    mni_source_close(&source);
+    if (own.code != MN_OK)
+        mn_fail(st, own.code, "%s", own.text);
+    return own.code;
+}
+
+void mn_mesh_free(mn_mesh *mesh) {
+    free(mesh->position);
+    free(mesh->color);
+    free(mesh->corner);
+    *mesh = (mn_mesh){0};
 }
