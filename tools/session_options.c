@@ -1,0 +1,150 @@
+/* See session_options.h. Hides how options' texts become an mn_session_desc. */
+#include "session_options.h"
+
+#include <stdio.h>
+#include <string.h>
+
+enum { SIZE_MAX_PX = 16384 }; /* what drivers make at most */
+
+const char session_options_help[] =
+    "  --path P          orbit, dive, flyover, or a path file\n"
+    "  --ram SIZE        cap of the whole process, such as 16M\n"
+    "  -K N              place holders; min: as few as work\n"
+    "  --store S         paged (default), mapped, resident\n"
+    "  --tolerance PX    error on the screen that is let pass (1.0)\n"
+    "  --size WxH        picture in pixels (1280x720)\n"
+    "  --fov DEG         vertical opening of the camera (45)\n"
+    "  --frames N        frames of the whole path (600)\n"
+    "  --fps F           frames a second; 0: as fast as can be (60)\n"
+    "  --nav-ops N       splits and collapses a frame at most; 0: no limit (0)\n"
+    "  --degrade on|off  raise the tolerance where the mesh does not fit (on)\n"
+    "  --io M            uring (default), pread, sim\n"
+    "  --io-serial       all reads of a frame done, in order, before the next\n"
+    "  --seed S          of the simulated disk (0)\n"
+    "  --barrier         each frame's camera stands until nothing changes\n"
+    "  --json            figures as one JSON object\n";
+
+static void warn(void *context, const char *text) {
+    (void)context;
+    fprintf(stderr, "metanode: warning: %s\n", text);
+}
+
+void session_options_init(session_options *o) {
+    *o = (session_options){.fov_y_deg = 45, .frames = 600};
+    o->desc.fps = 60;
+    o->desc.width_px = 1280;
+    o->desc.height_px = 720;
+    o->desc.warn = warn;
+}
+
+static bool take_size(session_options *o, const char *value) {
+    unsigned width = 0, height = 0;
+    char rest = 0;
+    if (sscanf(value, "%5u%*1[xX]%5u%c", &width, &height, &rest) != 2)
+        return false;
+    o->desc.width_px = width;
+    o->desc.height_px = height;
+    return width >= 1 && height >= 1 && width <= SIZE_MAX_PX && height <= SIZE_MAX_PX;
+}
+
+static bool take_float(const char *value, double min, double max, float *out) {
+    double v = 0;
+    if (!cli_double(value, min, max, &v))
+        return false;
+    *out = (float)v;
+    return true;
+}
+
+static bool take_choice(const char *value, const char *const *names, int *out) {
+    *out = cli_choice(value, names);
+    return *out >= 0;
+}
+
+static bool take_places(session_options *o, const char *value) {
+    uint64_t k = 0;
+    if (strcmp(value, "min") == 0) {
+        o->desc.k = MN_K_MIN;
+        return true;
+    }
+    if (!cli_u64(value, 1, UINT32_MAX, &k))
+        return false;
+    o->desc.k = (int64_t)k;
+    return true;
+}
+
+/* What the value should have been; NULL: it was good. */
+static const char *take(session_options *o, int option, const char *value) {
+    static const char *const stores[] = {"paged", "mapped", "resident", NULL};
+    static const char *const ios[] = {"uring", "pread", "sim", NULL};
+    static const char *const on_off[] = {"on", "off", NULL};
+    int choice = 0;
+    uint64_t count = 0;
+    switch (option) {
+    case SESSION_PATH:
+        o->path_name = value;
+        return NULL;
+    case SESSION_RAM:
+        return cli_size(value, &o->desc.ram_bytes) ? NULL : "--ram: a size such as 16M";
+    case 'K':
+        return take_places(o, value) ? NULL : "-K: a number of place holders, or min";
+    case SESSION_STORE:
+        if (!take_choice(value, stores, &choice))
+            return "--store: paged, mapped or resident";
+        o->desc.store = (mn_store_kind)choice;
+        return NULL;
+    case SESSION_TOLERANCE:
+        return take_float(value, 1e-3, 1e6, &o->desc.tolerance_px)
+                   ? NULL
+                   : "--tolerance: pixels, 0.001 to 1000000";
+    case SESSION_SIZE:
+        return take_size(o, value) ? NULL : "--size: such as 1280x720, up to 16384 each way";
+    case SESSION_FOV:
+        return take_float(value, 1, 170, &o->fov_y_deg) ? NULL : "--fov: 1 to 170 degrees";
+    case SESSION_FRAMES:
+        if (!cli_u64(value, 1, 1000000000, &count))
+            return "--frames: 1 to 1000000000";
+        o->frames = (uint32_t)count;
+        o->frames_given = true;
+        return NULL;
+    case SESSION_FPS:
+        return take_float(value, 0, 1e6, &o->desc.fps) ? NULL : "--fps: 0 to 1000000";
+    case SESSION_NAV_OPS:
+        return cli_u64(value, 0, UINT64_MAX, &o->desc.nav_ops) ? NULL : "--nav-ops: a number";
+    case SESSION_DEGRADE:
+        if (!take_choice(value, on_off, &choice))
+            return "--degrade: on or off";
+        o->desc.degrade_off = choice == 1;
+        return NULL;
+    case SESSION_IO:
+        if (!take_choice(value, ios, &choice))
+            return "--io: uring, pread or sim";
+        o->desc.io = (mn_io_kind)choice;
+        return NULL;
+    case SESSION_SEED:
+        return cli_u64(value, 0, UINT64_MAX, &o->desc.seed) ? NULL : "--seed: a number";
+    default: /* the switches */
+        o->desc.io_serial |= option == SESSION_IO_SERIAL;
+        o->desc.barrier |= option == SESSION_BARRIER;
+        o->json |= option == SESSION_JSON;
+        return NULL;
+    }
+}
+
+bool session_options_take(session_options *o, const char *command, int option, const char *value,
+                          int *code) {
+    if (option != 'K' && (option < SESSION_PATH || option >= SESSION_OPTION_END))
+        return false;
+    const char *wanted = take(o, option, value);
+    *code = MN_OK;
+    if (wanted != NULL)
+        *code = cli_error(MN_USAGE, "%s: '%s' will not do for %s", command, value, wanted);
+    return true;
+}
+
+int session_options_file(session_options *o, int argc, char **argv) {
+    if (argc - optind != 1)
+        return cli_error(MN_USAGE, "%s: %s; see metanode %s --help", argv[0],
+                         argc == optind ? "which FILE?" : "one FILE at a time", argv[0]);
+    o->desc.path = argv[optind];
+    return MN_OK;
+}

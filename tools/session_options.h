@@ -1,0 +1,76 @@
+/* The options that replay, shoot and view share: which file, which path, which memory. Main thread
+ * only.
+ *
+ *     session_options o;
+ *     session_options_init(&o);
+ *     static const struct option options[] = {SESSION_OPTIONS, {"csv", 1, NULL, 'c'}, {0, 0, 0,
+ * 0}}; while ((found = cli_option(argc, argv, SESSION_OPTIONS_SHORT "h", options)) != -1) { if
+ * (session_options_take(&o, argv[0], found, optarg, &code)) { … code … continue; } switch (found) {
+ * … the command's own … }
+ *     }
+ *     code = session_options_file(&o, argc, argv); */
+#ifndef METANODE_SESSION_OPTIONS_H
+#define METANODE_SESSION_OPTIONS_H
+
+#include "cli.h"
+#include "metanode/runtime.h"
+
+typedef struct session_options {
+    mn_session_desc desc;  /* what was not given stays 0, but for fps and size: 60, 1280 × 720 */
+    const char *path_name; /* --path; NULL: not given */
+    float fov_y_deg;       /* 45 */
+    uint32_t frames;       /* 600 */
+    bool frames_given;
+    bool json;
+} session_options;
+
+enum session_option { /* what cli_option returns for them; letters are free for the commands */
+                      SESSION_PATH = 256,
+                      SESSION_RAM,
+                      SESSION_STORE,
+                      SESSION_TOLERANCE,
+                      SESSION_SIZE,
+                      SESSION_FOV,
+                      SESSION_FRAMES,
+                      SESSION_FPS,
+                      SESSION_NAV_OPS,
+                      SESSION_DEGRADE,
+                      SESSION_IO,
+                      SESSION_IO_SERIAL,
+                      SESSION_SEED,
+                      SESSION_BARRIER,
+                      SESSION_JSON,
+                      SESSION_OPTION_END, /* first value for a command's own long options */
+};
+
+#define SESSION_OPTIONS_SHORT "K:"
+#define SESSION_OPTIONS                                                                            \
+    {"path", required_argument, NULL, SESSION_PATH},                                               \
+        {"ram", required_argument, NULL, SESSION_RAM},                                             \
+        {"store", required_argument, NULL, SESSION_STORE},                                         \
+        {"tolerance", required_argument, NULL, SESSION_TOLERANCE},                                 \
+        {"size", required_argument, NULL, SESSION_SIZE},                                           \
+        {"fov", required_argument, NULL, SESSION_FOV},                                             \
+        {"frames", required_argument, NULL, SESSION_FRAMES},                                       \
+        {"fps", required_argument, NULL, SESSION_FPS},                                             \
+        {"nav-ops", required_argument, NULL, SESSION_NAV_OPS},                                     \
+        {"degrade", required_argument, NULL, SESSION_DEGRADE},                                     \
+        {"io", required_argument, NULL, SESSION_IO},                                               \
+        {"io-serial", no_argument, NULL, SESSION_IO_SERIAL},                                       \
+        {"seed", required_argument, NULL, SESSION_SEED},                                           \
+        {"barrier", no_argument, NULL, SESSION_BARRIER}, {                                         \
+        "json", no_argument, NULL, SESSION_JSON                                                    \
+    }
+
+/* Lines for --help, one an option. */
+extern const char session_options_help[];
+
+void session_options_init(session_options *o);
+/* Is the option one of these? Then *code is MN_OK, or MN_USAGE when its value is no good, which has
+ * been reported. */
+bool session_options_take(session_options *o, const char *command, int option, const char *value,
+                          int *code);
+/* The one FILE after the options. MN_USAGE when there is none or more than one: reported. */
+int session_options_file(session_options *o, int argc, char **argv);
+
+#endif
