@@ -1,0 +1,245 @@
+/* The blocks that Navigate uses: see store.h.
+ *
+ * Secret: usage counts live in the ancestor table, and only when one leaves or reaches 0 does the
+ * store behind it hear of it. So most calls touch one entry and no lock. Navigate only; memory from
+ * the arena, bounded by entries_max. (Paper §3.3.2, §3.3.3; design.md §3.5, §4) */
+#include "store.h"
+
+#include "ancestors.h"
+#include "assert.h"
+#include "store_kind.h"
+
+struct mni_store {
+    /* const after open */
+    const mni_store_kind *kind;
+    void *blocks; /* the kind's own */
+    const mn_header *header;
+    /* Navigate only */
+    mni_ancestors table;
+};
+
+static const mni_store_kind *kind_of(mn_store_kind kind) {
+    switch (kind) {
+    case MN_STORE_PAGED:
+        break;
+    case MN_STORE_MAPPED:
+        return &mni_store_mapped;
+    case MN_STORE_RESIDENT:
+        return &mni_store_resident;
+    }
+    return &mni_store_paged;
+}
+
+/* ---- size, open, close ---------------------------------------------------------------------- */
+
+static uint32_t root_blocks(const mn_header *header) {
+    uint32_t count = 0;
+    for (uint32_t r = 0; r < header->roots; r++) {
+        bool known = false;
+        for (uint32_t before = 0; before < r && !known; before++)
+            known = header->root[before].block.id == header->root[r].block.id;
+        count += !known;
+    }
+    return count;
+}
+
+uint32_t mni_store_k_min(const mn_header *header) {
+    uint32_t roots = root_blocks(header);
+    if (header->blocking == MN_BLOCKING_LEVELS)
+        return (roots + 3 > 5 ? roots + 3 : 5) + header->overflow_max;
+    return header->block_depth + 2 + header->overflow_max + (roots - 1);
+}
+
+uint32_t mni_store_entries_max(const mn_header *header, mn_store_kind kind, uint32_t k) {
+    return kind_of(kind)->entries_max(header, k);
+}
+
+size_t mni_store_need_bytes(const mn_header *header, mn_store_kind kind, uint32_t k) {
+    return mni_arena_need(1, sizeof(mni_store), _Alignof(mni_store)) +
+           mni_ancestors_need(mni_store_entries_max(header, kind, k)) +
+           kind_of(kind)->need_bytes(header, k);
+}
+
+/* A block that is longer than a place holder, or not in the file, is absent for ever. */
+static bool ref_is_sound(const mn_header *header, mn_block_ref ref) {
+    return ref.id > 0 && ref.pages > 0 &&
+           (uint64_t)ref.pages * MN_PAGE_BYTES <= header->block_bytes_max &&
+           ((uint64_t)ref.id + ref.pages) * MN_PAGE_BYTES <= header->file_bytes;
+}
+
+mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store **out,
+                       mn_status *st) {
+    *out = NULL;
+    for (uint32_t r = 0; r < desc->header->roots; r++)
+        if (!ref_is_sound(desc->header, desc->header->root[r].block))
+            return mn_fail(st, MN_BAD_INPUT,
+                           "%s: root %u: its block is not in the file; copy or "
+                           "build it again",
+                           desc->path, r);
+    mni_store *store = mni_arena_take(arena, 1, sizeof *store, _Alignof(mni_store));
+    store->kind = kind_of(desc->kind);
+    store->header = desc->header;
+    mni_ancestors_open(&store->table, mni_store_entries_max(desc->header, desc->kind, desc->k),
+                       arena);
+    mn_code code = store->kind->open(desc, arena, &store->blocks, st);
+    if (code == MN_OK)
+        *out = store;
+    return code;
+}
+
+void mni_store_close(mni_store *store) {
+    if (store != NULL)
+        store->kind->close(store->blocks);
+}
+
+/* ---- into use and out of it ----------------------------------------------------------------- */
+
+static mni_wish wish_for(const mni_store *store, mni_way way, mn_block_ref ref, mni_entry parent) {
+    const mni_ancestors *table = &store->table;
+    mni_wish wish = {.way = way, .ref = ref, .table_count = table->count, .in_use = table->in_use};
+    if (parent != MNI_NO_ENTRY) {
+        wish.parent = table->entry[parent].ref;
+        wish.grandparent_id = mni_ancestors_parent_id(table, parent);
+    }
+    return wish;
+}
+
+static mni_answer down(mni_store *store, mni_entry parent, mn_block_ref ref, mni_entry *out) {
+    mni_ancestors *table = &store->table;
+    *out = MNI_NO_ENTRY;
+    if (!ref_is_sound(store->header, ref))
+        return MNI_ABSENT;
+    mni_entry e = mni_ancestors_find(table, ref.id);
+    if (e != MNI_NO_ENTRY &&
+        (table->entry[e].parent != parent || table->entry[e].ref.pages != ref.pages))
+        return MNI_ABSENT; /* a lying file: the block has another parent already */
+    if (e != MNI_NO_ENTRY && table->entry[e].usage > 0) {
+        table->entry[e].usage++;
+        *out = e;
+        return MNI_GRANTED;
+    }
+    if (e == MNI_NO_ENTRY && table->count == table->max)
+        return MNI_REFUSED;
+    mni_wish wish = wish_for(store, MNI_WAY_DOWN, ref, parent);
+    wish.adds = e == MNI_NO_ENTRY;
+    const void *bytes = NULL;
+    mni_answer answer = store->kind->enter(store->blocks, &wish, &bytes);
+    if (answer == MNI_GRANTED)
+        *out = mni_ancestors_enter(table, ref, parent, bytes);
+    return answer;
+}
+
+mni_entry mni_store_root(mni_store *store, uint32_t r) {
+    MN_ASSERT(r < store->header->roots);
+    mni_entry entry = MNI_NO_ENTRY;
+    mni_answer answer = down(store, MNI_NO_ENTRY, store->header->root[r].block, &entry);
+    MN_ASSERT(answer == MNI_GRANTED); /* open has loaded and checked it */
+    return entry;
+}
+
+mni_answer mni_store_down(mni_store *store, mni_entry parent, mn_block_ref ref, mni_entry *out) {
+    MN_ASSERT(parent < store->table.max && store->table.entry[parent].usage > 0);
+    return down(store, parent, ref, out);
+}
+
+mni_answer mni_store_up(mni_store *store, mni_entry entry) {
+    MN_ASSERT(entry < store->table.max && store->table.entry[entry].ref.id != 0);
+    mni_ancestor *ancestor = &store->table.entry[entry];
+    if (ancestor->usage > 0) {
+        ancestor->usage++;
+        return MNI_GRANTED;
+    }
+    mni_wish wish = wish_for(store, MNI_WAY_UP, ancestor->ref, ancestor->parent);
+    const void *bytes = NULL;
+    mni_answer answer = store->kind->enter(store->blocks, &wish, &bytes);
+    if (answer == MNI_GRANTED)
+        mni_ancestors_enter(&store->table, ancestor->ref, ancestor->parent, bytes);
+    return answer;
+}
+
+void mni_store_add(mni_store *store, mni_entry entry) {
+    MN_ASSERT(entry < store->table.max && store->table.entry[entry].usage > 0);
+    store->table.entry[entry].usage++;
+}
+
+void mni_store_sub(mni_store *store, mni_entry entry) {
+    MN_ASSERT(entry < store->table.max);
+    uint32_t block_id = store->table.entry[entry].ref.id;
+    if (mni_ancestors_lower(&store->table, entry))
+        store->kind->leave(store->blocks, block_id);
+    else
+        store->kind->attempt_over(store->blocks);
+}
+
+const void *mni_store_bytes(mni_store *store, mni_entry entry, bool *fresh) {
+    mni_ancestor *ancestor = &store->table.entry[entry];
+    MN_ASSERT(entry < store->table.max && ancestor->usage > 0);
+    *fresh = ancestor->fresh;
+    ancestor->fresh = false;
+    return ancestor->bytes;
+}
+
+uint32_t mni_store_usage(const mni_store *store, mni_entry entry) {
+    MN_ASSERT(entry < store->table.max);
+    return store->table.entry[entry].usage;
+}
+
+mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref ref,
+                              const void **bytes) {
+    MN_ASSERT(owner < store->table.max && store->table.entry[owner].usage > 0);
+    *bytes = NULL;
+    if (!ref_is_sound(store->header, ref))
+        return MNI_ABSENT;
+    mni_wish wish = wish_for(store, MNI_WAY_OVERFLOW, ref, owner);
+    wish.adds = true;
+    return store->kind->overflow(store->blocks, &wish, bytes);
+}
+
+/* ---- frames --------------------------------------------------------------------------------- */
+
+void mni_store_frame_begin(mni_store *store) {
+    store->kind->frame_begin(store->blocks);
+}
+
+void mni_store_frame_end(mni_store *store, double frame_s) {
+    store->kind->frame_end(store->blocks, frame_s);
+}
+
+void mni_store_drain(mni_store *store) {
+    store->kind->drain(store->blocks);
+}
+
+uint32_t mni_store_pending(mni_store *store) {
+    return store->kind->pending(store->blocks);
+}
+
+uint64_t mni_store_epoch(const mni_store *store) {
+    return store->kind->epoch(store->blocks);
+}
+
+void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident) {
+    *in_use = store->table.in_use;
+    *resident = store->kind->resident(store->blocks, *in_use);
+}
+
+void mni_store_stats(mni_store *store, mn_session_stats *out) {
+    store->kind->stats(store->blocks, out);
+}
+
+/* ---- checks --------------------------------------------------------------------------------- */
+
+static uint32_t usage_of_block(const void *context, uint32_t block_id) {
+    const mni_ancestors *table = context;
+    mni_entry e = mni_ancestors_find(table, block_id);
+    return e == MNI_NO_ENTRY ? 0 : table->entry[e].usage;
+}
+
+void mni_store_check_all(mni_store *store, uint32_t (*usage_of)(void *context, mni_entry entry),
+                         void *context) {
+    const mni_ancestors *table = &store->table;
+    mni_ancestors_check(table);
+    for (mni_entry e = 0; usage_of != NULL && e < table->max; e++)
+        if (table->entry[e].ref.id != 0)
+            MN_ASSERT(usage_of(context, e) == table->entry[e].usage);
+    store->kind->check(store->blocks, usage_of_block, table);
+}

@@ -1,0 +1,50 @@
+/* What the three stores have in common: a table of functions behind the ancestor table.
+ *
+ * store.c knows which blocks are in use and whose children they are; a kind knows where their bytes
+ * are. Navigate only, but for what a kind does inside. */
+#ifndef MNI_STORE_KIND_H
+#define MNI_STORE_KIND_H
+
+#include "store.h"
+
+/* A block wanted: by a split (down, with its overflow blocks) or by a collapse (up). */
+typedef enum mni_way { MNI_WAY_DOWN = 0, MNI_WAY_UP, MNI_WAY_OVERFLOW } mni_way;
+typedef struct mni_wish {
+    mni_way way;
+    mn_block_ref ref;
+    mn_block_ref parent;     /* who refers to it; id 0: nobody, a root block */
+    uint32_t grandparent_id; /* of the parent's own frame; 0: parent is a root block */
+    bool adds;               /* granting it adds an entry to the ancestor table */
+    uint32_t table_count;    /* |A| */
+    uint32_t in_use;         /* blocks with usage above 0 */
+} mni_wish;
+
+/* The usage of a block by its id; what the pool's recount compares with. */
+typedef uint32_t (*mni_usage_of)(const void *context, uint32_t block_id);
+
+typedef struct mni_store_kind {
+    size_t (*need_bytes)(const mn_header *header, uint32_t k);
+    uint32_t (*entries_max)(const mn_header *header, uint32_t k);
+    /* On failure nothing is left open. */
+    mn_code (*open)(const mni_store_desc *desc, mni_arena *arena, void **out, mn_status *st);
+    void (*close)(void *self);
+    /* Brings a block whose usage is 0 into use. *bytes stay until leave. */
+    mni_answer (*enter)(void *self, const mni_wish *wish, const void **bytes);
+    /* The usage has become 0. */
+    void (*leave)(void *self, uint32_t block_id);
+    mni_answer (*overflow)(void *self, const mni_wish *wish, const void **bytes);
+    /* A node has left a block that stays in use: whatever was tried is over. */
+    void (*attempt_over)(void *self);
+    void (*frame_begin)(void *self);
+    void (*frame_end)(void *self, double frame_s);
+    void (*drain)(void *self);
+    uint32_t (*pending)(void *self);
+    uint64_t (*epoch)(const void *self);
+    uint32_t (*resident)(void *self, uint32_t in_use);
+    void (*stats)(void *self, mn_session_stats *out);
+    void (*check)(void *self, mni_usage_of usage_of, const void *context);
+} mni_store_kind;
+
+extern const mni_store_kind mni_store_paged, mni_store_mapped, mni_store_resident;
+
+#endif
