@@ -7,9 +7,11 @@
 #include "metanode/build.h"
 
 static const char help[] =
-    "usage: metanode make SHAPE -o OUT.ply [--triangles N] [--seed S]\n\n"
+    "usage: metanode make SHAPE -o OUT.ply [--triangles N] [--seed S]\n"
+    "       metanode make subdivide IN --times N -o OUT.ply\n\n"
     "  sphere      a rocky planetoid: closed, genus 0, craters and ridges of every size\n"
     "  terrain     mountains: an open height field, about square\n"
+    "  subdivide   of a manifold mesh IN: Loop's scheme, four triangles for one, N times\n"
     "\n"
     "  -o FILE         the model, binary PLY with colours; streamed, whatever its size\n"
     "  --triangles N   about so many: sphere within 7 × √N, terrain within √N, isosurface within\n"
@@ -18,6 +20,24 @@ static const char help[] =
 
 /* By mn_shape. */
 static const char *const shape_names[] = {"sphere", "terrain", NULL};
+
+static int make_subdivide(int argc, char **argv, uint64_t times, const char *out) {
+    mn_mesh in, fine;
+    mn_read_desc read = {0};
+    mn_status st = {0};
+    if (argc != 2)
+        return cli_error(MN_USAGE, "make subdivide: give one mesh file to subdivide");
+    if (times == 0)
+        return cli_error(MN_USAGE, "make subdivide: how often? give --times N");
+    if (mn_mesh_read(argv[1], &read, &in, &st) != MN_OK)
+        return cli_status(&st);
+    if (mn_openmesh_subdivide(&in, (uint32_t)times, NULL, &fine, &st) == MN_OK) {
+        mn_mesh_write_ply(out, &fine, &st);
+        mn_mesh_free(&fine);
+    }
+    mn_mesh_free(&in);
+    return cli_status(&st);
+}
 
 static int make_shape(int argc, char **argv, const mn_make_desc *desc_in, const char *out) {
     mn_make_desc desc = *desc_in;
@@ -28,8 +48,6 @@ static int make_shape(int argc, char **argv, const mn_make_desc *desc_in, const 
         return cli_error(MN_USAGE, "make: no shape '%s'; metanode make --help lists them", argv[0]);
     if (argc > 1)
         return cli_error(MN_USAGE, "make: '%s' is one argument too many", argv[1]);
-    if (out == NULL)
-        return cli_error(MN_USAGE, "make: where to? give -o OUT.ply");
     desc.shape = (mn_shape)shape;
     desc.progress = cli_progress;
     desc.progress_context = &meter;
@@ -39,14 +57,14 @@ static int make_shape(int argc, char **argv, const mn_make_desc *desc_in, const 
 }
 
 int cmd_make(int argc, char **argv) {
-    enum { TRIANGLES = 256, SEED };
-    static const struct option options[] = {{"output", required_argument, NULL, 'o'},
-                                            {"triangles", required_argument, NULL, TRIANGLES},
-                                            {"seed", required_argument, NULL, SEED},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {0}};
+    enum { TRIANGLES = 256, SEED, TIMES };
+    static const struct option options[] = {
+        {"output", required_argument, NULL, 'o'}, {"triangles", required_argument, NULL, TRIANGLES},
+        {"seed", required_argument, NULL, SEED},  {"times", required_argument, NULL, TIMES},
+        {"help", no_argument, NULL, 'h'},         {0}};
     mn_make_desc desc = {0};
     const char *out = NULL;
+    uint64_t times = 0;
     int option;
     while ((option = cli_option(argc, argv, "o:h", options)) != -1) {
         switch (option) {
@@ -61,6 +79,10 @@ int cmd_make(int argc, char **argv) {
             if (!cli_u64(optarg, 0, UINT64_MAX, &desc.seed))
                 return cli_error(MN_USAGE, "make: --seed '%s' is no whole number", optarg);
             break;
+        case TIMES:
+            if (!cli_u64(optarg, 1, 15, &times))
+                return cli_error(MN_USAGE, "make: --times '%s' is not in 1 … 15", optarg);
+            break;
         case 'h':
             fputs(help, stdout);
             return MN_OK;
@@ -70,5 +92,9 @@ int cmd_make(int argc, char **argv) {
     }
     if (optind >= argc)
         return cli_error(MN_USAGE, "make: which shape? metanode make --help lists them");
+    if (out == NULL)
+        return cli_error(MN_USAGE, "make: where to? give -o OUT.ply");
+    if (strcmp(argv[optind], "subdivide") == 0)
+        return make_subdivide(argc - optind, argv + optind, times, out);
     return make_shape(argc - optind, argv + optind, &desc, out);
 }

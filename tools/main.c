@@ -6,7 +6,7 @@
 
 /* In the order of --help. A subcommand adds itself here and to meson.build. */
 static const cli_command commands[] = {
-    {"make", cmd_make, "models of any size: sphere, terrain, isosurface"},
+    {"make", cmd_make, "models of any size: sphere, terrain, isosurface; subdivide"},
     {NULL, NULL, NULL},
 };
 
