@@ -94,15 +94,23 @@ static bool refuse_unknown(mni_source *source) {
     return false;
 }
 
-static bool read_format(format kind, mni_source *source, mni_intake *intake) {
+static bool read_own(format kind, mni_source *source, mni_intake *intake) {
     switch (kind) {
     case PLY:
         return mni_read_ply(source, intake);
+    case OFF:
+        return mni_read_off(source, intake);
+    case STL_BINARY:
+        return mni_read_stl_binary(source, intake);
+    case STL_ASCII:
+        return mni_read_stl_ascii(source, intake);
     case OBJ:
         return mni_read_obj(source, intake);
-    default:
-        return refuse_unknown(source);
+    case OPENMESH:
+    case UNKNOWN:
+        break;
     }
+    return refuse_unknown(source);
 }
 
 bool mni_read_out_of_range(mni_source *source, const char *element, uint64_t number, int64_t vertex,
@@ -117,14 +125,31 @@ uint32_t mni_read_channel(double value) {
     return value >= 1 ? 255 : (uint32_t)(value * 255 + 0.5);
 }
 
-static bool read_source(mni_source *source, const mn_read_desc *desc, mn_mesh *out) {
+uint32_t mni_read_color(const double *channel, int channels, double *max) {
+    uint32_t rgba = 0;
+    for (int i = 0; i < channels; i++)
+        if (channel[i] > 1)
+            *max = 255;
+    for (int i = 0; i < 4; i++)
+        rgba |= (i < channels ? mni_read_channel(channel[i] / *max) : UINT32_C(255)) << 8 * i;
+    return rgba;
+}
+
+static bool read_source(const char *path, mni_source *source, const mn_read_desc *desc,
+                        mn_mesh *out) {
+    static const char *const openmesh_names[] = {
+        [PLY] = "ply",       [OFF] = "off",     [STL_BINARY] = "stl",
+        [STL_ASCII] = "stl", [OPENMESH] = "om", [OBJ] = "obj"};
     format kind = format_of(source);
     if (source->st->code != MN_OK)
         return false;
-    bool soup = kind == STL_BINARY || kind == STL_ASCII;
+    bool openmesh = kind == OPENMESH || (desc->reader == MN_READER_OPENMESH && kind != UNKNOWN);
+    bool soup = !openmesh && (kind == STL_BINARY || kind == STL_ASCII);
     mni_intake *intake = mni_intake_open(desc, soup, source->name, source->st);
-    bool ok = intake != NULL && read_format(kind, source, intake) && source->st->code == MN_OK &&
-              mni_intake_finish(intake, out);
+    bool ok = intake != NULL &&
+              (openmesh ? mni_read_openmesh(path, openmesh_names[kind], desc, source, intake)
+                        : read_own(kind, source, intake)) &&
+              source->st->code == MN_OK && mni_intake_finish(intake, out);
     mni_intake_close(intake);
     return ok;
 }
@@ -137,7 +162,7 @@ mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, m
     *out = (mn_mesh){0};
     if (desc == NULL)
         desc = &defaults;
-    if (mni_source_open(&source, path, desc, &own) && read_source(&source, desc, out)) {
+    if (mni_source_open(&source, path, desc, &own) && read_source(path, &source, desc, out)) {
         out->bytes_read = source.size;
         out->seconds_read = now_s() - started_s;
     }

@@ -2,8 +2,8 @@
  *
  * Secret: the grammar. A vertex is `v x y z`, `v x y z w` (w is dropped) or `v x y z r g b [a]`; a
  * face is `f` with corners v, v/vt, v//vn or v/vt/vn, counted from 1, or from the last vertex
- * backwards when negative. A face may name vertices that come later. Colours are 0 … 1; the first
- * channel above 1 says that from there on they are 0 … 255. Order: one call. Memory: none. */
+ * backwards when negative. A face may name vertices that come later. Colours
+ * follow the rule of mni_read_color. Order: one call. Memory: none. */
 #include "reader.h"
 
 #include <inttypes.h>
@@ -37,12 +37,7 @@ static bool read_vertex(obj *o) {
                                mni_intake_vertices(o->intake) + 1, count);
     if (count < 6)
         return mni_intake_vertex(o->intake, value);
-    uint32_t rgba = 0;
-    for (int i = 3; i < count; i++)
-        if (value[i] > o->color_max)
-            o->color_max = 255;
-    for (int i = 3; i < 7; i++)
-        rgba |= (i < count ? mni_read_channel(value[i] / o->color_max) : 255u) << 8 * (i - 3);
+    uint32_t rgba = mni_read_color(value + 3, count - 3, &o->color_max);
     return mni_intake_vertex_color(o->intake, value, rgba);
 }
 

@@ -14,10 +14,11 @@
 
 /* ---- the intake ----------------------------------------------------------------------------- */
 
-#define MNI_VERTICES_MAX (UINT64_C(1) << 31)               /* the design's bound */
-#define MNI_TRIANGLES_MAX ((uint64_t)(UINT32_MAX - 1) / 3) /* half-edges are numbered in 32 bits   \
-                                                            */
-#define MNI_WHITE UINT32_MAX /* RGBA8 of a vertex that has no colour */
+#define MNI_VERTICES_MAX (UINT64_C(1) << 31) /* the design's bound */
+#define MNI_TRIANGLES_MAX                                                                          \
+    ((uint64_t)(UINT32_MAX - 1) / 3) /* half-edges are numbered in 32 bits                         \
+                                      */
+#define MNI_WHITE UINT32_MAX         /* RGBA8 of a vertex that has no colour */
 
 typedef struct mni_intake mni_intake;
 
@@ -64,14 +65,17 @@ bool mni_read_obj(mni_source *source, mni_intake *intake);
 bool mni_read_off(mni_source *source, mni_intake *intake);
 bool mni_read_stl_binary(mni_source *source, mni_intake *intake);
 bool mni_read_stl_ascii(mni_source *source, mni_intake *intake);
-/* The helper program reads the file itself. */
-bool mni_read_openmesh(const char *path, const mn_read_desc *desc, mni_source *source,
-                       mni_intake *intake);
+/* The helper program reads the file itself; as: "om", "ply", "obj", "off" or "stl". */
+bool mni_read_openmesh(const char *path, const char *as, const mn_read_desc *desc,
+                       mni_source *source, mni_intake *intake);
 
 /* "face 812: vertex 99 of 88", or what it is a corner of. Always false. */
 bool mni_read_out_of_range(mni_source *source, const char *element, uint64_t number, int64_t vertex,
                            uint64_t vertices);
 /* A colour channel of 0 … 1 as a byte; what is not a number is 0. */
 uint32_t mni_read_channel(double value);
+/* RGBA8 of 3 or 4 channels of text, which some write as 0 … 1 and some as 0 … 255: *max begins as
+ * 1, and becomes 255 with the first channel above 1. */
+uint32_t mni_read_color(const double *channel, int channels, double *max);
 
 #endif

@@ -21,6 +21,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -241,6 +242,16 @@ bool mni_text_next_anywhere(mni_source *source, char comment) {
 
 static bool is_word_end(char c) {
     return c == 0 || c == '\n' || c == '\\' || is_blank(c);
+}
+
+bool mni_text_take(mni_source *source, const char *word) {
+    size_t length = strlen(word);
+    mni_source_have(source, MNI_WORD_BYTES_MAX);
+    if ((size_t)(source->end - source->at) < length || strncasecmp(source->at, word, length) != 0 ||
+        !is_word_end(source->at[length]))
+        return false;
+    source->at += length;
+    return true;
 }
 
 bool mni_text_at_word_end(const mni_source *source) {

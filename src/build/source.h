@@ -84,6 +84,8 @@ bool mni_text_integer(mni_source *source, int64_t *value, const char *what);
 bool mni_text_digits(mni_source *source, int64_t *value);
 /* Does a word end here? (Blank, end of line or file, or a backslash.) */
 bool mni_text_at_word_end(const mni_source *source);
+/* Takes the word at `at` if it is this one, in capitals or not. */
+bool mni_text_take(mni_source *source, const char *word);
 /* Copies the word at `at`, cut to size - 1 bytes, unprintable ones shown as '?', and takes it. */
 void mni_text_word(mni_source *source, char *word, size_t size);
 /* The same without taking it: for messages. Returns word. */
