@@ -70,10 +70,8 @@ static format format_of(mni_source *source) {
         return UNKNOWN;
     if (left >= 3 && memcmp(source->at, "\xef\xbb\xbf", 3) == 0)
         source->at += 3; /* a byte-order mark of UTF-8 */
-    while (is_space(*source->at)) {
-        source->line += *source->at == '\n';
-        source->at++;
-    }
+    mni_text_next_anywhere(source, '#');
+    mni_source_have(source, MNI_WORD_BYTES_MAX);
     if (begins_off(source))
         return OFF;
     return begins(source, "solid") ? STL_ASCII : OBJ;
