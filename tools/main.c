@@ -7,6 +7,7 @@
 /* In the order of --help. A subcommand adds itself here and to meson.build. */
 static const cli_command commands[] = {
     {"make", cmd_make, "models of any size: sphere, terrain, isosurface; subdivide"},
+    {"compare", cmd_compare, "distance between two meshes"},
     {NULL, NULL, NULL},
 };
 

@@ -168,11 +168,40 @@ mn_code mn_tree_extract(const mn_tree *tree, const mn_extract_desc *desc, mn_mes
 
 /* Distances between surfaces: area-uniform samples on one, nearest point on the other. */
 typedef struct mn_compare_result {
-    double mean_ab, mean_ba, rms, max;
-    uint64_t samples; /* a side */
+    double mean_ab, mean_ba; /* from samples on a to b; the other way */
+    double rms, max;         /* over both ways */
+    uint64_t samples;        /* a side */
 } mn_compare_result;
+/* Model units; origins are heeded. The same seed, the same figures. */
 mn_code mn_mesh_compare(const mn_mesh *a, const mn_mesh *b, uint64_t samples, uint64_t seed,
                         mn_compare_result *out, mn_status *st);
+
+/* How honest and tight the switch values of a front are (metanode/terms.md: switch value). Samples
+ * lie on the input surface, by area. A sample's bound is the largest switch value of the active
+ * nodes of its triangle's three leaves, its measured distance that to the front's mesh (a node
+ * without triangles counts as its point). It is honest when measured ≤ bound + 1e-7 × diagonal,
+ * for positions are floats.
+ * A node is measured when it has 100 samples and a measured maximum above 1e-6 × diagonal; its
+ * ratio is switch value / that maximum. A sample counts for each active node among its triangle's
+ * three (`ratio`), or for that of its nearest corner only (`near`). */
+typedef struct mn_error_ratio {
+    uint64_t nodes; /* measured */
+    double p10, median, p90;
+} mn_error_ratio;
+typedef struct mn_error_result {
+    uint64_t triangles, nodes; /* active */
+    uint64_t samples, dishonest;
+    double diagonal;              /* of the leaves' bounding box */
+    double bound_mean, bound_max; /* over samples */
+    double measured_mean, measured_max;
+    double excess_max; /* largest measured / bound of a dishonest sample; 0: none, infinite: the
+                          bound was 0 */
+    mn_error_ratio ratio, near;
+} mn_error_result;
+/* Of the prefix front with the most triangles that are at most `triangles`. samples 0: 1,000,000,
+ * or 50 an active node when that is more, at most 16 million. */
+mn_code mn_error_measure(const mn_tree *tree, uint64_t triangles, uint64_t samples, uint64_t seed,
+                         mn_error_result *out, mn_status *st);
 
 /* ---- OpenMesh, in its helper program -------------------------------------------------------- */
 
