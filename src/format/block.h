@@ -7,8 +7,10 @@
  *
  *   block = frame (frame.h: checks, reference table) | block head | columns … | zero padding
  *
- * Inner nodes stand in one numbering a block, children after parents; node 0 … nodes-1. A leaf has
- * no record of its own: what there is of it (right_position, right_color) stands with its parent.
+ * Inner nodes stand in one numbering a block, node 0 … nodes-1: subtree after subtree, each in
+ * preorder, left before right (so children come after parents, and an inner left child is the next
+ * node). A leaf has no record of its own: what there is of it (right_position, right_color) stands
+ * with its parent.
  */
 #ifndef MNI_BLOCK_H
 #define MNI_BLOCK_H
@@ -45,6 +47,10 @@ typedef struct mni_node {
     uint32_t overflow_ref;                 /* reference of the first overflow block, or MN_NONE */
 } mni_node;
 
+/* A node with more simplices than its block has room for goes on in overflow blocks: overflow_ref
+ * is the first, reference 0 of an overflow block's frame the next, until one has no references.
+ * simplex_count counts those in the block itself. */
+
 /* The root of a subtree, with what it needs of its parent to decide about a collapse. */
 typedef struct mni_subtree {
     uint32_t node; /* its inner node */
@@ -56,7 +62,12 @@ typedef struct mni_subtree {
     mn_cone parent_cone;
 } mni_subtree;
 
-enum { MNI_BLOCK_COLUMNS = 40 }; /* at most; the decoder's table */
+enum {
+    MNI_BLOCK_COLUMNS = 40,      /* the decoder's table */
+    MNI_BLOCK_NODES_MAX = 65535, /* inner nodes in a block */
+    MNI_BLOCK_DEPTH_MAX = 256,   /* levels of a subtree in a block: bounds the checker's stack */
+    MNI_BLOCK_TAIL_BYTES = 8, /* zeroes after the last column: the decoder reads 8 bytes at once */
+};
 typedef struct mni_column {
     const uint8_t *bits;
     uint32_t width; /* bits a value, 0 … 32 */
@@ -65,6 +76,7 @@ typedef struct mni_column {
 
 typedef struct mni_block {
     uint32_t nodes, subtrees, simplices;
+    uint32_t exits; /* children that are SUBTREEs */
     bool has_colors;
     mni_column column[MNI_BLOCK_COLUMNS];
 } mni_block;
@@ -90,5 +102,65 @@ void mni_block_node(const mni_block *view, uint32_t node, mni_node *out);
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out);
 /* Three leaf ids in the input's cyclic order; the third is MN_NONE for a hinge. */
 void mni_block_simplex(const mni_block *view, uint32_t simplex, uint32_t corner[3]);
+
+/* ---- overflow blocks ------------------------------------------------------------------------ */
+
+typedef struct mni_overflow {
+    uint32_t order, leaf_lo, leaf_mid, leaf_hi; /* of the node whose simplices these are */
+    uint32_t simplices;
+    mni_column column[3];
+} mni_overflow;
+/* As mni_block_open. The caller compares order and interval with the node's. */
+bool mni_overflow_open(mni_overflow *view, const void *bytes, uint32_t length_bytes,
+                       const mni_block_limits *limits, char *why, uint32_t why_bytes);
+void mni_overflow_simplex(const mni_overflow *view, uint32_t simplex, uint32_t corner[3]);
+
+/* ---- writing -------------------------------------------------------------------------------- */
+
+/* What a block would take: counts and the range of each column. Adding is exact and cheap, so a
+ * filler copies a tally, adds, and keeps the copy if it fits. */
+typedef struct mni_tally {
+    uint32_t nodes, subtrees, exits, simplices;
+    bool has_colors, has_overflow;
+    uint32_t min[MNI_BLOCK_COLUMNS], max[MNI_BLOCK_COLUMNS];
+} mni_tally;
+void mni_tally_init(mni_tally *tally, bool has_colors);
+/* Of the children only the kinds matter (exits are counted), of the simplices nothing. */
+void mni_tally_node(mni_tally *tally, const mni_node *node);
+void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree);
+void mni_tally_simplex(mni_tally *tally, const uint32_t corner[3]);
+/* Bytes from the block's start to the end of its last column, with that many references. */
+uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs);
+
+/* Writes a block: begin, then every subtree, node and simplex in the order of the numbering, then
+ * the references and the seal (frame.h). bytes[0, length_bytes) is zeroed; the caller's. */
+typedef struct mni_encoder {
+    mni_block view;
+    mni_tally tally;
+    uint32_t nodes, subtrees, exits, simplices, killed; /* written so far */
+} mni_encoder;
+void mni_encoder_begin(mni_encoder *encoder, void *bytes, uint32_t length_bytes,
+                       const mni_tally *tally, uint32_t refs);
+void mni_encoder_node(mni_encoder *encoder, const mni_node *node);
+void mni_encoder_subtree(mni_encoder *encoder, const mni_subtree *subtree);
+void mni_encoder_simplex(mni_encoder *encoder, const uint32_t corner[3]);
+void mni_encoder_end(mni_encoder *encoder); /* asserts that all is there */
+
+/* How many of count simplices (3 leaf ids each) an overflow block of that length holds. */
+uint32_t mni_overflow_fit(const uint32_t *corner, uint32_t count, uint32_t length_bytes);
+/* Where the payload of an overflow block with those simplices ends. */
+uint32_t mni_overflow_bytes(const uint32_t *corner, uint32_t count, uint32_t refs);
+/* Writes an overflow block's payload and returns where it ends. order and interval from *head. */
+uint32_t mni_overflow_encode(void *bytes, uint32_t length_bytes, uint32_t refs,
+                             const mni_overflow *head, const uint32_t *corner, uint32_t count);
+
+/* ---- shared with the rest of the format -------------------------------------------------------
+ */
+
+/* Does the outer decoded cone hold the inner one, up to slack? */
+bool mni_cone_encloses(mn_cone outer, mn_cone inner, double slack_rad);
+/* May a node with this sphere have a child with that one? Allows for float rounding. */
+bool mni_sphere_encloses(const float position[3], float radius, const float child_position[3],
+                         float child_radius);
 
 #endif

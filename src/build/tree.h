@@ -1,0 +1,23 @@
+/* The view-dependence tree, inside the build. */
+#ifndef MNI_TREE_H
+#define MNI_TREE_H
+
+#include "metanode/build.h"
+
+/* Allocates the arrays for that many leaves, roots and simplices, zeroed, and sets the counts.
+ * MN_FAILED: no memory; *tree is then freed and zeroed. */
+mn_code mni_tree_alloc(mn_tree *tree, uint32_t leaves, uint32_t roots, uint32_t simplices,
+                       bool has_colors, mn_status *st);
+/* From children: intervals, roots and depth_max. MN_BAD_INPUT: not a forest numbered depth-first.
+ */
+mn_code mni_tree_derive(mn_tree *tree, mn_status *st);
+/* XXH3 of what the tree says (counts and times aside) and, unless desc is NULL, of how it is cut.
+ */
+uint64_t mni_tree_build_id(const mn_tree *tree, const mn_block_desc *desc);
+/* Fills box and dive point: the highest vertex along +y (the first of several), with the
+ * area-weighted normal of its triangles. */
+void mni_tree_shape(const mn_tree *tree, mn_header *header);
+/* Reads and checks a whole .mnt. header (may be NULL) receives its header. */
+mn_code mni_mnt_load(const char *path, mn_tree *out, mn_header *header, mn_status *st);
+
+#endif

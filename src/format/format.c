@@ -1,2 +1,0 @@
-#include "block.h"
-typedef int mni_empty_unit;
