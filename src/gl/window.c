@@ -17,7 +17,7 @@ struct mni_window {
     GLFWwindow *window;
     mn_gl_input input; /* since the last poll */
     drag drag;
-    double x, y; /* the pointer when it last moved, in screen units */
+    double x, y; /* the pointer at its last event, in screen units: where it is now may be ahead */
 };
 
 static const float zoom_a_height = 6; /* notches of the wheel that a drag over the window makes */
@@ -39,7 +39,6 @@ static void on_button(GLFWwindow *window, int button, int action, int mods) {
         w->drag = DRAG_PAN;
     else
         w->drag = DRAG_ORBIT;
-    glfwGetCursorPos(window, &w->x, &w->y);
 }
 
 static void on_pointer(GLFWwindow *window, double x, double y) {
@@ -151,6 +150,7 @@ mn_code mni_window_open(uint32_t width, uint32_t height, const char *title, mni_
     glfwSetWindowCloseCallback(w->window, on_close);
     glfwMakeContextCurrent(w->window);
     glfwSwapInterval(1);
+    glfwGetCursorPos(w->window, &w->x, &w->y);
     *out = w;
     return MN_OK;
 }
