@@ -14,17 +14,25 @@ typedef struct mni_heap_key {
     uint32_t kept; /* the candidate's other end */
 } mni_heap_key;
 
+typedef struct mni_heap_item {
+    mni_heap_key key;
+    uint32_t vertex;
+} mni_heap_item;
+
 typedef struct mni_heap {
-    mni_heap_key *key; /* a vertex */
-    uint32_t *item;    /* vertices in heap order */
-    uint32_t *at;      /* a vertex: where in item[]; UINT32_MAX: not there */
+    mni_heap_item *item;
+    uint32_t *at; /* a vertex: where in item[]; UINT32_MAX: not there */
     uint32_t count;
 } mni_heap;
 
 bool mni_heap_open(mni_heap *heap, uint32_t vertices);
 void mni_heap_close(mni_heap *heap);
 static inline uint32_t mni_heap_top(const mni_heap *heap) {
-    return heap->count > 0 ? heap->item[0] : UINT32_MAX;
+    return heap->count > 0 ? heap->item[0].vertex : UINT32_MAX;
+}
+/* Of a vertex that is there. */
+static inline mni_heap_key mni_heap_key_of(const mni_heap *heap, uint32_t vertex) {
+    return heap->item[heap->at[vertex]].key;
 }
 /* Inserts, or moves to where the new key belongs. */
 void mni_heap_set(mni_heap *heap, uint32_t vertex, mni_heap_key key);

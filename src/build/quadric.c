@@ -38,39 +38,31 @@ static double unit(double n[3]) {
     return length;
 }
 
-static void add_walls(mni_quadric *quadric, const mn_mesh *mesh, mni_judge *judge,
-                      mni_surface *surface, uint32_t v) {
-    mni_judge_ring(judge, surface, v);
-    for (uint32_t i = 0; i < judge->ring_count; i++) {
-        uint32_t w = judge->ring[i].vertex, count;
-        if (judge->ring[i].triangles != 1 || w < v)
+void mni_quadric_wall(mni_quadric *quadric, const mn_mesh *mesh, mni_surface *surface, uint32_t v,
+                      uint32_t w) {
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(surface, v, &count);
+    for (uint32_t f = 0; f < count; f++) {
+        const uint32_t *c = surface->simplex[fan[f]].v;
+        if (c[0] != w && c[1] != w && c[2] != w)
             continue;
-        const uint32_t *fan = mni_surface_fan(surface, v, &count);
-        for (uint32_t f = 0; f < count; f++) {
-            const uint32_t *c = surface->simplex[fan[f]].v;
-            if (c[0] != w && c[1] != w && c[2] != w)
-                continue;
-            const float *p[3] = {&mesh->position[3 * (size_t)c[0]],
-                                 &mesh->position[3 * (size_t)c[1]],
-                                 &mesh->position[3 * (size_t)c[2]]};
-            const float *pv = &mesh->position[3 * (size_t)v], *pw = &mesh->position[3 * (size_t)w];
-            double e1[3], e2[3], normal[3], along[3], wall[3];
-            edge_of(p[0], p[1], e1);
-            edge_of(p[0], p[2], e2);
-            cross(e1, e2, normal);
-            edge_of(pv, pw, along);
-            cross(along, normal, wall);
-            double length2 = along[0] * along[0] + along[1] * along[1] + along[2] * along[2];
-            if (unit(wall) > 0) {
-                add_plane(&quadric[v], wall, pv, length2);
-                add_plane(&quadric[w], wall, pv, length2);
-            }
+        const float *p = &mesh->position[3 * (size_t)c[0]];
+        const float *pv = &mesh->position[3 * (size_t)v];
+        double e1[3], e2[3], normal[3], along[3], wall[3];
+        edge_of(p, &mesh->position[3 * (size_t)c[1]], e1);
+        edge_of(p, &mesh->position[3 * (size_t)c[2]], e2);
+        cross(e1, e2, normal);
+        edge_of(pv, &mesh->position[3 * (size_t)w], along);
+        cross(along, normal, wall);
+        double length2 = along[0] * along[0] + along[1] * along[1] + along[2] * along[2];
+        if (unit(wall) > 0) {
+            add_plane(&quadric[v], wall, pv, length2);
+            add_plane(&quadric[w], wall, pv, length2);
         }
     }
 }
 
-void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh, mni_judge *judge,
-                       mni_surface *surface) {
+void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh) {
     for (uint32_t t = 0; t < mesh->triangles; t++) {
         const uint32_t *c = &mesh->corner[3 * (size_t)t];
         const float *p = &mesh->position[3 * (size_t)c[0]];
@@ -83,6 +75,4 @@ void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh, mni_judge *jud
             for (int i = 0; i < 3; i++)
                 add_plane(&quadric[c[i]], n, p, area);
     }
-    for (uint32_t v = 0; v < mesh->vertices; v++)
-        add_walls(quadric, mesh, judge, surface, v);
 }

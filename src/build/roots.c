@@ -149,7 +149,7 @@ static mn_code join(mni_simplifier *s, root_grid *g) {
     uint32_t left = g->count;
     while (left > 1) {
         uint32_t r = mni_heap_top(&s->heap);
-        mni_heap_key key = s->heap.key[r];
+        mni_heap_key key = mni_heap_key_of(&s->heap, r);
         if (s->node[key.kept] == MN_NONE) { /* its nearest has gone: find another */
             mni_heap_set(&s->heap, r, nearest(g, r));
             continue;

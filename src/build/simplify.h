@@ -61,9 +61,11 @@ typedef struct mni_simplifier {
     mn_status *st;
 } mni_simplifier;
 
-/* quadric.c: one for each vertex, of its triangles and, along boundaries, of walls on them. */
-void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh, mni_judge *judge,
-                       mni_surface *surface);
+/* quadric.c: one for each vertex, of its triangles. */
+void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh);
+/* Adds the wall on the boundary edge v–w to the quadrics of its ends. */
+void mni_quadric_wall(mni_quadric *quadric, const mn_mesh *mesh, mni_surface *surface, uint32_t v,
+                      uint32_t w);
 
 /* Records the collapse of r into k in the tree: the surface has been changed. MN_FAILED: memory. */
 mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k);

@@ -22,7 +22,7 @@
 #include "legal.h"
 #include "surface.h"
 
-enum { MNI_WITNESSES = 10 };
+enum { MNI_WITNESSES = 8 };
 
 typedef struct mni_witnesses {
     float point[MNI_WITNESSES][3];
