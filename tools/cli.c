@@ -2,12 +2,12 @@
 #include "cli.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <sys/sysinfo.h>
 #include <time.h>
 #include <unistd.h>
@@ -126,11 +126,17 @@ void cli_progress_end(void *context) {
         fputs("\r\033[K", stderr);
 }
 
+/* Not getrusage: what that says survives exec, and is the peak of whoever started us. Not stdio:
+ * nothing may be allocated here. */
 uint64_t cli_rss_peak_bytes(void) {
-    struct rusage usage;
-    if (getrusage(RUSAGE_SELF, &usage) != 0)
-        return 0;
-    return (uint64_t)usage.ru_maxrss * 1024;
+    char text[4096];
+    int fd = open("/proc/self/status", O_RDONLY | O_CLOEXEC);
+    ssize_t n = fd >= 0 ? read(fd, text, sizeof text - 1) : -1;
+    if (fd >= 0)
+        close(fd);
+    text[n > 0 ? n : 0] = 0;
+    const char *at = strstr(text, "VmHWM:");
+    return at != NULL ? strtoull(at + 6, NULL, 10) * 1024 : 0;
 }
 
 static uint64_t cgroup_limit_bytes(void) {

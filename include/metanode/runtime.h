@@ -67,23 +67,30 @@ typedef struct mn_session_desc {
     bool degrade_off;
     uint64_t seed; /* of the simulated disk */
     mn_sim_desc sim;
-    float tolerance_px;           /* 0: 1.0 */
+    float tolerance_px;           /* 0: 1.0; as mn_session_set_tolerance */
     uint32_t width_px, height_px; /* 0: 1280 × 720 */
     uint64_t nav_ops;             /* operations a frame; 0: no limit */
     float fps;                    /* virtual time a frame with sim; 0: free */
     uint32_t front_max;           /* active nodes; 0: from the cap */
     bool wide_front_over_wanted;  /* resident: compute front_over_wanted each frame (slow) */
+    bool closed; /* the caller knows that the input is closed and consistently oriented: checks
+                    assert that each edge of each front is used equally often both ways */
     mn_trace_hook trace;
     void *trace_context;
     void (*warn)(void *context, const char *text); /* one line; NULL: silence. Only during open */
     void *warn_context;
 } mn_session_desc;
 
-/* What the cap was turned into. Sums to at most ram_bytes. */
+/* What the cap was turned into: planned = base + pool + front + tables, at most the cap. `mapped`
+ * and `resident` have a `paged` session's plan and front, so that they can be compared; what they
+ * map or read instead of a pool is not counted. */
 typedef struct mn_plan {
-    uint64_t ram_cap_bytes, planned_bytes;
-    uint64_t base_bytes; /* code, stacks, libc, kernel memory */
-    uint64_t pool_bytes, front_bytes, tables_bytes, board_bytes;
+    uint64_t ram_cap_bytes; /* 0: none was given */
+    uint64_t planned_bytes;
+    uint64_t base_bytes;   /* code, stacks, libc, kernel memory */
+    uint64_t pool_bytes;   /* K × longest block */
+    uint64_t front_bytes;  /* nodes, simplices, agenda */
+    uint64_t tables_bytes; /* ancestor and hash tables, board, rings */
     uint32_t k, k_min, front_max, simplices_max;
     uint64_t ram_min_bytes; /* the smallest cap that would work with this K rule */
 } mn_plan;
@@ -93,7 +100,11 @@ typedef struct mn_frame_stats {
     uint64_t splits, collapses, adapt;
     uint64_t misses, refused_front, refused_budget, refused_pool, waits_dependency;
     uint64_t active_nodes, triangles;
-    double nav_ms, tolerance_px, error_px, front_over_wanted; /* the last NaN when not computed */
+    double nav_ms;            /* of the Navigate loop: no drawing, no statistics, no waiting */
+    double tolerance_px;      /* used, degrading included */
+    double error_px;          /* largest projected switch value over active nodes inside the frustum
+                                 that do not face away */
+    double front_over_wanted; /* active nodes over those without forced splits; NaN: not computed */
     uint64_t reads, read_bytes, evictions, second_chances, prefetches;
     uint64_t front_hash; /* XXH3 of the sorted active order ids */
     uint32_t blocks_in_use, blocks_resident;
@@ -106,7 +117,7 @@ typedef struct mn_session_stats {
     uint64_t commands, commands_loaded, commands_resident, commands_given_up, commands_failed;
     uint64_t reads, read_bytes, second_chances, prefetches, prefetches_given_up;
     uint64_t urgent_up, urgent_down, urgent_down_refused, evictions;
-    uint64_t checksum_failures, io_errors, foldovers, foldovers_legal;
+    uint64_t checksum_failures, io_errors;
 } mn_session_stats;
 
 typedef struct mn_session mn_session;
@@ -120,13 +131,18 @@ void mn_session_frame(mn_session *session, const mn_camera *camera, mn_frame_sta
 /* Frames with a standing camera until nothing changes and nothing is read, at most frames_max.
  * Returns the frames that it took. Waits for the disk between them. */
 uint32_t mn_session_settle(mn_session *session, const mn_camera *camera, uint32_t frames_max);
-void mn_session_set_tolerance(mn_session *session, float tolerance_px); /* INFINITY: to the roots */
+/* Waits until nothing is asked for and nothing is read: all counters of commands agree then. */
+void mn_session_drain(mn_session *session);
+/* INFINITY: to the roots; below 0: to full detail. */
+void mn_session_set_tolerance(mn_session *session, float tolerance_px);
 bool mn_session_at_roots(const mn_session *session);
 void mn_session_stats_get(const mn_session *session, mn_session_stats *out);
 /* All invariants of design.md §6 that a front and a pool can show, by full recount. Asserts. */
 void mn_session_check(mn_session *session);
-/* Counts active triangles whose normal has a negative dot product with their input triangle's. */
-uint64_t mn_session_foldovers(const mn_session *session, bool *below_legal_last);
+/* Counts active triangles whose normal has a negative dot product with their input triangle's, and
+ * in *legal (may be NULL) those of them whose nodes all have order ids up to legal_last. Reads the
+ * input's positions through the blocks: `resident` only; slow. */
+uint64_t mn_session_foldovers(mn_session *session, uint64_t *legal);
 void mn_session_close(mn_session *session);
 
 /* The mesh of the current frame, as the renderer wants it. Pointers live until the next frame.

@@ -1,0 +1,185 @@
+/* What can be said of a whole front: its hash, its balance, its invariants by recount.
+ *
+ * Hides: how they are computed. All but leaf_position only read the front. Threads: Navigate only;
+ * no memory but the caller's scratch. Each is O(front) and more: for statistics and checks, outside
+ * the timed part of a frame. Paper: none; design.md §6. */
+#include <string.h>
+
+#include <xxhash.h>
+
+#include "assert.h"
+#include "frame.h"
+#include "front.h"
+
+/* Ascending, by three passes of 11 bits. */
+static void sort_u32(uint32_t *values, uint32_t *other, size_t count) {
+    for (int pass = 0; pass < 3; pass++) {
+        uint32_t start[2049] = {0};
+        int shift = 11 * pass;
+        for (size_t i = 0; i < count; i++)
+            start[1 + ((values[i] >> shift) & 2047)]++;
+        for (int d = 0; d < 2048; d++)
+            start[d + 1] += start[d];
+        for (size_t i = 0; i < count; i++)
+            other[start[(values[i] >> shift) & 2047]++] = values[i];
+        uint32_t *swap = values;
+        values = other;
+        other = swap;
+    }
+}
+
+uint64_t mni_front_hash(const mni_front *f, uint32_t *scratch) {
+    size_t count = 0;
+    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++)
+        if (mni_front_is_active(f, slot))
+            scratch[count++] = f->node[slot].order;
+    MN_ASSERT(count == f->active);
+    sort_u32(scratch, scratch + count, count); /* three passes: it ends in the other half */
+    return XXH3_64bits(scratch + count, count * sizeof *scratch);
+}
+
+/* Each directed edge u → v adds a hash of the pair {u, v} if u < v and takes it away if not: the
+ * sum vanishes when both directions are used equally often. */
+uint64_t mni_front_imbalance(const mni_front *f) {
+    uint64_t sum = 0;
+    for (uint32_t s = 0; s < f->simplices_high; s++) {
+        const uint32_t *node = &f->simplex_node[3 * (size_t)s];
+        if (node[0] == MN_NONE || node[2] == MN_NONE)
+            continue;
+        for (int k = 0; k < 3; k++) {
+            uint32_t u = node[k], v = node[(k + 1) % 3];
+            uint64_t key = u < v ? (uint64_t)u << 32 | v : (uint64_t)v << 32 | u;
+            uint64_t hash = XXH3_64bits(&key, sizeof key);
+            sum += u < v ? hash : 0 - hash;
+        }
+    }
+    return sum;
+}
+
+void mni_front_usage(const mni_front *f, uint32_t *counts) {
+    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++)
+        if (mni_front_is_active(f, slot))
+            counts[f->node[slot].entry]++;
+}
+
+/* ---- recounts -------------------------------------------------------------------------------- */
+
+/* Invariant 1 of a simplex: each corner at the active node that holds its leaf, no two at one; and
+ * the validity of the front between the nodes that it joins. */
+static void check_simplex(const mni_front *f, uint32_t s) {
+    const uint32_t *leaf = &f->simplex_leaf[3 * (size_t)s], *node = &f->simplex_node[3 * (size_t)s];
+    int corners = node[2] == MN_NONE ? 2 : 3;
+    for (int k = 0; k < corners; k++) {
+        const mni_front_node *n = &f->node[node[k]];
+        MN_ASSERT(n->flags & MNI_NODE_ACTIVE);
+        MN_ASSERT(n->leaf_lo <= leaf[k] && leaf[k] < n->leaf_hi);
+        uint32_t v = node[(k + 1) % corners], above = mni_front_parent(f, v);
+        MN_ASSERT(v != node[k]);
+        MN_ASSERT(above == MN_NONE || n->order < f->node[above].order);
+        above = mni_front_parent(f, node[k]);
+        MN_ASSERT(above == MN_NONE || f->node[v].order < f->node[above].order);
+    }
+}
+
+static void check_node(const mni_front *f, uint32_t slot, uint64_t *corners, uint64_t *killed) {
+    const mni_front_node *n = &f->node[slot];
+    MN_ASSERT(n->leaf_lo < n->leaf_hi && n->leaf_hi <= f->header->leaves);
+    if (n->flags & MNI_NODE_ACTIVE) {
+        MN_ASSERT((n->flags & MNI_NODE_EXPANDED) == 0);
+        MN_ASSERT(mni_front_find(f, n->leaf_lo) == slot);
+        for (uint32_t c = n->first, before = MN_NONE; c != MN_NONE; before = c, c = f->next[c]) {
+            MN_ASSERT(f->simplex_node[c] == slot && f->prev[c] == before);
+            ++*corners;
+        }
+        return;
+    }
+    uint32_t left = 2 * n->pair, right = left + 1;
+    MN_ASSERT(f->pair[n->pair].parent == slot && n->first == MN_NONE);
+    MN_ASSERT(f->node[left].leaf_lo == n->leaf_lo && f->node[right].leaf_hi == n->leaf_hi);
+    MN_ASSERT(f->node[left].leaf_hi == f->node[right].leaf_lo);
+    MN_ASSERT(f->node[left].order < n->order && f->node[right].order < n->order);
+    *killed += f->pair[n->pair].killed;
+}
+
+void mni_front_check(const mni_front *f) {
+    uint64_t corners = 0, killed = 0, active = 0, expanded = 0;
+    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++) {
+        uint16_t flags = f->node[slot].flags;
+        if ((flags & (MNI_NODE_ACTIVE | MNI_NODE_EXPANDED)) == 0)
+            continue;
+        check_node(f, slot, &corners, &killed);
+        active += (flags & MNI_NODE_ACTIVE) != 0;
+        expanded += (flags & MNI_NODE_EXPANDED) != 0;
+    }
+    uint64_t simplices = 0, triangles = 0;
+    for (uint32_t s = 0; s < f->simplices_high; s++) {
+        const uint32_t *node = &f->simplex_node[3 * (size_t)s];
+        if (node[0] == MN_NONE)
+            continue;
+        check_simplex(f, s);
+        simplices++;
+        triangles += node[2] != MN_NONE;
+    }
+    MN_ASSERT(active == f->active && active == expanded + f->header->roots);
+    MN_ASSERT(f->pairs_used == expanded + f->header->roots);
+    MN_ASSERT(simplices == f->simplices_used && triangles == f->triangles);
+    MN_ASSERT(simplices == killed); /* all that is killed above the front, and nothing else */
+    MN_ASSERT(corners == 2 * simplices + triangles);
+}
+
+/* ---- the input beneath the front --------------------------------------------------------------
+ */
+
+/* Down from an active node through the blocks. One block besides the node's own is in use at a
+ * time, and given back. */
+bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
+    uint32_t slot = mni_front_find(f, leaf);
+    mni_entry entry = f->node[slot].entry, own = entry;
+    uint32_t index = f->node[slot].index, lo = f->node[slot].leaf_lo;
+    bool there = true;
+    memcpy(position, &f->position[3 * (size_t)slot], 3 * sizeof *position);
+    while (lo != leaf && there) {
+        bool fresh;
+        const void *bytes = mni_store_bytes(f->store, entry, &fresh);
+        if (fresh)
+            f->view[entry % MNI_FRONT_VIEWS].entry = MNI_NO_ENTRY;
+        mni_block block;
+        mni_node record;
+        mni_block_reopen(&block, bytes);
+        mni_block_node(&block, index, &record);
+        bool right = leaf >= record.leaf_mid;
+        const mni_child *where = right ? &record.right : &record.left;
+        if (right) {
+            lo = record.leaf_mid;
+            memcpy(position, record.right_position, 3 * sizeof *position);
+        }
+        if (where->kind == MNI_CHILD_LEAF)
+            there = lo == leaf;
+        if (where->kind == MNI_CHILD_INNER)
+            index = where->node;
+        if (where->kind != MNI_CHILD_SUBTREE || lo == leaf)
+            continue;
+        mni_entry below;
+        there = mni_store_down(f->store, entry, mni_frame_ref(bytes, where->ref), &below) ==
+                MNI_GRANTED;
+        if (!there)
+            continue;
+        if (entry != own)
+            mni_store_sub(f->store, entry);
+        entry = below;
+        bytes = mni_store_bytes(f->store, entry, &fresh);
+        if (fresh)
+            f->view[entry % MNI_FRONT_VIEWS].entry = MNI_NO_ENTRY;
+        mni_subtree subtree;
+        mni_block_reopen(&block, bytes);
+        there = where->subtree < block.subtrees;
+        if (!there)
+            continue;
+        mni_block_subtree(&block, where->subtree, &subtree);
+        there = subtree.parent_order == record.order; /* so order ids fall, and this ends */
+        index = subtree.node;
+    }
+    if (entry != own)
+        mni_store_sub(f->store, entry);
+    return there;
+}

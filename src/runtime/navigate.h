@@ -1,0 +1,72 @@
+/* A frame's work on the front: what to collapse, what to split, how far to give way. */
+#ifndef MNI_NAVIGATE_H
+#define MNI_NAVIGATE_H
+
+#include "front.h"
+
+enum {
+    MNI_CHAIN_MAX = 1 << 16,   /* splits in one chain of forced splits */
+    MNI_STACK_MAX = 1 << 13,   /* nodes waiting in one */
+    MNI_LEVEL_MAX = 160,       /* of degrading: tolerance × 2^40 */
+    MNI_LEVELS_A_DOUBLING = 4, /* the tolerance rises by 2^(1/4) a step */
+    MNI_HOLD_FRAMES = 8,       /* after a step up, while the camera moves, no step down */
+};
+
+/* What waits for its turn, smallest first. */
+typedef struct mni_agenda_item {
+    uint32_t key, slot; /* equal keys: the lower order id first */
+} mni_agenda_item;
+
+/* What a frame did and could not do (terms in design.md §1). */
+typedef struct mni_work {
+    uint64_t splits, collapses, misses;
+    uint64_t refused_front, refused_budget, refused_pool, waits_dependency;
+    bool refused_split; /* the wanted mesh does not fit: front or pool */
+} mni_work;
+
+typedef struct mni_navigator {
+    mni_front front;
+
+    /* const after open */
+    uint64_t ops_max; /* a frame; 0: no limit */
+    bool degrades;
+    uint32_t width_px, height_px;
+    double size; /* of the model: its radius */
+    mni_agenda_item *agenda;
+    uint32_t *stack, *chain; /* MNI_STACK_MAX; chain_max */
+    uint32_t agenda_max, chain_max;
+
+    /* the frame */
+    mni_lens lens;
+    mn_camera camera;
+    double tolerance_px; /* as asked for; the lens has what is used */
+    bool moved;          /* the camera or the tolerance is not the last frame's */
+    bool settled_level;  /* the level of degrading would not change if the camera stood */
+    uint32_t agenda_count;
+    uint64_t version; /* of the front, when chains were given up */
+    mni_work work;
+
+    /* degrading */
+    int level;  /* tolerance × 2^(level / 4) */
+    int failed; /* the highest level that did not fit since the camera moved; -1: none */
+    int hold;
+} mni_navigator;
+
+/* The front and what else a frame needs, from the arena; for the plan. */
+size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
+                                uint32_t simplices_max);
+/* The caller has set the constants up to `size`. */
+mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header *header,
+                           uint32_t nodes_max, uint32_t simplices_max, mni_arena *arena,
+                           mn_status *st);
+/* One frame between mni_store_frame_begin and _end; work says what came of it. */
+void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tolerance_px);
+/* After mni_store_frame_end: the level of degrading for the next frame. reading: blocks are still
+ * on their way, so it is not known yet what fits. */
+void mni_navigator_give_way(mni_navigator *nav, bool reading);
+/* Largest projected switch value over the active nodes inside the frustum that do not face away. */
+double mni_navigator_error_px(const mni_navigator *nav);
+/* Nodes of the front over those it would have without forced splits. */
+double mni_navigator_front_over_wanted(const mni_navigator *nav);
+
+#endif

@@ -1,0 +1,161 @@
+/* The plan: one pure function from the cap to K, the front's room, and what each of them takes.
+ *
+ *     cap ≥ base      code, stacks, libc, page tables, kernel memory of the rings
+ *         + front     active nodes × (2 slots, a pair, agenda) + simplices × (corners, links)
+ *         + pool      K × longest block
+ *         + tables    hash and ancestor tables, board, rings: what the store takes besides
+ *
+ * Hides: how the cap is shared. The front gets up to a third, the pool the rest up to one holder a
+ * block of the file and a few to spare, and what is then left the front again. `mapped` and
+ * `resident` are planned as `paged` is, so that one cap means one front in all three.
+ *
+ * Any thread, no memory, no order of calls. Paper: §4 fixes K by hand; this is design.md §4. */
+#include "plan.h"
+
+#include <inttypes.h>
+
+#include "assert.h"
+#include "navigate.h"
+#include "store.h"
+
+/* Measured: a replay of this program (libc, liburing, zstd, xxHash; two threads; uring) has 2.4 MB
+ * resident before it opens a session, and the arena's page tables, the second stack and the rings
+ * add 0.3. The rest is for what differs between machines. */
+#define BASE_BYTES (UINT64_C(3584) << 10)
+
+enum {
+    FRONT_MIN = 1536,         /* active nodes below which a picture is not worth having */
+    FRONT_FREE_MAX = 1 << 20, /* active nodes without a cap */
+    K_SPARE = 4,              /* holders beyond one a block: for rules that keep one free */
+    SIMPLICES_EXTRA = 1024,   /* beyond 9/4 a node: fronts with many hinges or fins */
+};
+#define POOL_FREE_BYTES (UINT64_C(256) << 20) /* of a pool without a cap */
+
+static uint32_t least_u32(uint64_t a, uint64_t b) {
+    uint64_t least = a < b ? a : b;
+    MN_ASSERT(least <= UINT32_MAX);
+    return (uint32_t)least;
+}
+
+/* A closed surface has 2 triangles a vertex; all of the file's do for full detail. */
+static uint32_t simplices_for(const mn_header *header, uint32_t nodes) {
+    uint64_t all = header->triangles + header->hinges;
+    if (nodes >= header->leaves)
+        return least_u32(all, UINT32_MAX / 3);
+    return least_u32((uint64_t)nodes * 9 / 4 + SIMPLICES_EXTRA, all);
+}
+
+/* Slots are 32-bit, two a node, three corners a simplex. */
+static uint32_t front_limit(const mn_header *header, uint64_t wish) {
+    uint64_t most = header->leaves < UINT32_MAX / 8 ? header->leaves : UINT32_MAX / 8;
+    uint64_t least = header->roots > 0 ? header->roots : 1;
+    return least_u32(wish < least ? least : wish, most > least ? most : least);
+}
+
+static uint64_t front_bytes(const mn_header *header, uint32_t nodes) {
+    return mni_navigator_need_bytes(header, nodes, simplices_for(header, nodes)) +
+           sizeof(mni_navigator);
+}
+
+/* The store with K holders, and the session's count an entry beside it. */
+static uint64_t store_bytes(const mn_header *header, mn_store_kind store, uint32_t k) {
+    return mni_store_need_bytes(header, store, k) +
+           mni_arena_need(mni_store_entries_max(header, store, k), sizeof(uint32_t), 64);
+}
+
+static uint64_t paged_bytes(const mn_header *header, uint32_t count) {
+    return store_bytes(header, MN_STORE_PAGED, count);
+}
+
+/* The largest count in [lo, hi] whose bytes are at most room; lo where none is. */
+static uint32_t largest(const mn_header *header, uint64_t (*bytes)(const mn_header *, uint32_t),
+                        uint32_t lo, uint32_t hi, uint64_t room) {
+    while (lo < hi) {
+        uint32_t mid = lo + (hi - lo + 1) / 2;
+        if (bytes(header, mid) <= room)
+            lo = mid;
+        else
+            hi = mid - 1;
+    }
+    return lo;
+}
+
+static void fill(mn_plan *plan, const mn_header *header) {
+    plan->simplices_max = simplices_for(header, plan->front_max);
+    plan->front_bytes = front_bytes(header, plan->front_max);
+    plan->pool_bytes = (uint64_t)plan->k * header->block_bytes_max;
+    uint64_t store = paged_bytes(header, plan->k);
+    MN_ASSERT(store >= plan->pool_bytes);
+    plan->tables_bytes = store - plan->pool_bytes;
+    plan->planned_bytes = plan->base_bytes + plan->front_bytes + store;
+}
+
+/* No cap: K by its rule, a large front. With -K min the smallest session, whose sum is the cap. */
+static void plan_free(const mni_plan_desc *desc, const mn_header *header, uint32_t k_least,
+                      uint32_t k_most, uint32_t front_least, uint32_t front_most, mn_plan *plan) {
+    plan->k = k_least;
+    plan->front_max = front_most;
+    if (desc->k == MN_K_FROM_RAM)
+        plan->k = largest(header, paged_bytes, k_least, k_most, POOL_FREE_BYTES);
+    if (desc->k == MN_K_MIN)
+        plan->front_max = front_least;
+}
+
+static void plan_capped(const mni_plan_desc *desc, const mn_header *header, uint32_t k_least,
+                        uint32_t k_most, uint32_t front_least, uint32_t front_most, mn_plan *plan) {
+    uint64_t room = desc->ram_bytes - plan->base_bytes;
+    plan->k = k_least;
+    if (desc->k == MN_K_FROM_RAM) {
+        uint64_t least = front_bytes(header, front_least);
+        uint64_t share = room / 3 > least ? room / 3 : least;
+        uint64_t beside = room - paged_bytes(header, k_least);
+        uint32_t front =
+            largest(header, front_bytes, front_least, front_most, share < beside ? share : beside);
+        plan->k = largest(header, paged_bytes, k_least, k_most, room - front_bytes(header, front));
+    }
+    plan->front_max =
+        largest(header, front_bytes, front_least, front_most, room - paged_bytes(header, plan->k));
+}
+
+mn_code mni_plan_make(const mni_plan_desc *desc, const mn_header *header, mn_plan *out,
+                      mn_status *st) {
+    mn_plan plan = {.ram_cap_bytes = desc->ram_bytes,
+                    .base_bytes = BASE_BYTES + desc->base_bytes,
+                    .k_min = mni_store_k_min(header)};
+    if (desc->k != MN_K_FROM_RAM && desc->k != MN_K_MIN &&
+        (desc->k < (int64_t)plan.k_min || desc->k > UINT32_MAX / 8))
+        return mn_fail(st, MN_USAGE,
+                       "-K %" PRId64 ": this file needs at least %" PRIu32
+                       " place holders; try -K min",
+                       desc->k, plan.k_min);
+    uint32_t k_least = desc->k > 0 ? (uint32_t)desc->k : plan.k_min;
+    uint64_t enough = (uint64_t)header->blocks + K_SPARE;
+    uint32_t k_most = enough > k_least ? least_u32(enough, UINT32_MAX / 8) : k_least;
+    uint32_t front_most =
+        front_limit(header, desc->front_max > 0 ? desc->front_max : FRONT_FREE_MAX);
+    uint32_t front_least = front_limit(header, desc->front_max > 0 ? desc->front_max : FRONT_MIN);
+    if (desc->ram_bytes > 0 && desc->front_max == 0)
+        front_most = front_limit(header, UINT32_MAX);
+    plan.ram_min_bytes =
+        plan.base_bytes + paged_bytes(header, k_least) + front_bytes(header, front_least);
+    plan.ram_min_bytes = (plan.ram_min_bytes + 1023) & ~UINT64_C(1023);
+    if (desc->ram_bytes == 0)
+        plan_free(desc, header, k_least, k_most, front_least, front_most, &plan);
+    else if (desc->ram_bytes < plan.ram_min_bytes)
+        return mn_fail(st, MN_CAP_TOO_SMALL,
+                       "--ram %" PRIu64 "K is too small for %" PRIu32 " place holders of %" PRIu32
+                       "K: --ram %" PRIu64 "K would work",
+                       desc->ram_bytes >> 10, k_least, header->block_bytes_max >> 10,
+                       plan.ram_min_bytes >> 10);
+    else
+        plan_capped(desc, header, k_least, k_most, front_least, front_most, &plan);
+    fill(&plan, header);
+    MN_ASSERT(desc->ram_bytes == 0 || plan.planned_bytes <= desc->ram_bytes);
+    *out = plan;
+    return MN_OK;
+}
+
+size_t mni_plan_arena_bytes(const mn_plan *plan, const mn_header *header, mn_store_kind store) {
+    return store_bytes(header, store, plan->k) +
+           mni_navigator_need_bytes(header, plan->front_max, plan->simplices_max);
+}

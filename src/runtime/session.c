@@ -1,0 +1,341 @@
+/* A session: one open file, its plan, its store, its front.
+ *
+ * Hides: how these are put together, and what a frame's figures are made of.
+ *
+ * Order of calls: open; then frame, settle, front, stats, check in any order; close.
+ * Threads: all calls from one thread (Navigate); the I/O thread is the store's.
+ * Memory: the session itself, and one arena of the size that the plan says, sealed at the end of
+ * open. Nothing is allocated after that. Huge pages are refused: they would make memory resident
+ * that nobody touched. Paper: §3.3. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <time.h>
+
+#include "assert.h"
+#include "metanode/runtime.h"
+#include "navigate.h"
+#include "plan.h"
+
+enum {
+    WIDTH_PX = 1280,
+    HEIGHT_PX = 720,
+    ROUNDS_MAX = 1 << 16, /* frames that one frame with a barrier may take */
+};
+
+struct mn_session {
+    /* const after open */
+    mn_session_desc desc; /* path and hooks are not ours and not used after open */
+    mn_header header;
+    mn_plan plan;
+    mni_block_limits limits;
+    mni_arena arena;
+    mni_store *store;
+    uint32_t *usage; /* recounts: one an entry */
+    uint32_t entries_max;
+
+    /* Navigate only */
+    mni_navigator nav;
+    float tolerance_px;
+    uint32_t frame;
+    uint64_t hash, hash_version; /* of the front, and the version it was taken at */
+    mn_session_stats total;
+};
+
+static double now_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+}
+
+/* ---- open ------------------------------------------------------------------------------------ */
+
+static mn_code store_open(mn_session *s, mn_status *st) {
+    const mn_session_desc *d = &s->desc;
+    mni_store_desc store = {.path = d->path,
+                            .header = &s->header,
+                            .kind = d->store,
+                            .k = s->plan.k,
+                            .io = d->io,
+                            .io_serial = d->io_serial,
+                            .seed = d->seed,
+                            .sim = d->sim,
+                            .check = mni_front_block_check,
+                            .check_context = &s->limits,
+                            .trace = d->trace,
+                            .trace_context = d->trace_context,
+                            .warn = d->warn,
+                            .warn_context = d->warn_context};
+    return mni_store_open(&store, &s->arena, &s->store, st);
+}
+
+static double model_size(const mn_header *header) {
+    double square = 0;
+    for (int i = 0; i < 3; i++) {
+        double side = (double)header->box_max[i] - (double)header->box_min[i];
+        square += side * side;
+    }
+    return sqrt(square) / 2;
+}
+
+static mn_code parts_open(mn_session *s, mn_status *st) {
+    mn_code code =
+        mni_arena_open(&s->arena, mni_plan_arena_bytes(&s->plan, &s->header, s->desc.store), st);
+    if (code != MN_OK)
+        return code;
+    (void)madvise(s->arena.base, s->arena.size_bytes, MADV_NOHUGEPAGE); /* advice: may fail */
+    s->entries_max = mni_store_entries_max(&s->header, s->desc.store, s->plan.k);
+    s->usage = mni_arena_take(&s->arena, s->entries_max, sizeof *s->usage, 64);
+    code = store_open(s, st);
+    if (code != MN_OK)
+        return code;
+    s->nav.ops_max = s->desc.nav_ops;
+    s->nav.degrades = !s->desc.degrade_off;
+    s->nav.width_px = s->desc.width_px;
+    s->nav.height_px = s->desc.height_px;
+    s->nav.size = model_size(&s->header);
+    return mni_navigator_open(&s->nav, s->store, &s->header, s->plan.front_max,
+                              s->plan.simplices_max, &s->arena, st);
+}
+
+mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status *st) {
+    *out = NULL;
+    mn_session *s = calloc(1, sizeof *s);
+    if (s == NULL)
+        return mn_fail(st, MN_FAILED, "no memory for a session");
+    s->desc = *desc;
+    s->desc.width_px = desc->width_px > 0 ? desc->width_px : WIDTH_PX;
+    s->desc.height_px = desc->height_px > 0 ? desc->height_px : HEIGHT_PX;
+    s->hash_version = UINT64_MAX;
+    mn_session_set_tolerance(s, desc->tolerance_px != 0 ? desc->tolerance_px : 1);
+    mni_plan_desc plan = {desc->ram_bytes, desc->base_bytes, desc->k, desc->front_max};
+    mn_code code = mn_header_read(desc->path, &s->header, st);
+    if (code == MN_OK)
+        code = mni_plan_make(&plan, &s->header, &s->plan, st);
+    s->limits = (mni_block_limits){.leaves = s->header.leaves,
+                                   .nodes = s->header.nodes,
+                                   .file_bytes = s->header.file_bytes,
+                                   .has_colors = s->header.has_colors};
+    if (code == MN_OK)
+        code = parts_open(s, st);
+    if (code != MN_OK) {
+        mn_session_close(s);
+        return code;
+    }
+    mni_arena_seal(&s->arena);
+    *out = s;
+    return MN_OK;
+}
+
+void mn_session_close(mn_session *s) {
+    if (s == NULL)
+        return;
+    if (s->store != NULL)
+        mni_store_close(s->store);
+    mni_arena_close(&s->arena);
+    free(s);
+}
+
+void mn_session_plan(const mn_session *s, mn_plan *out) {
+    *out = s->plan;
+}
+
+const mn_header *mn_session_header(const mn_session *s) {
+    return &s->header;
+}
+
+/* ---- frames ---------------------------------------------------------------------------------- */
+
+/* One round of Navigate. Adds to *stats; returns whether anything changed or is still to come. */
+static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
+    double start_ms = now_ms();
+    mni_store_frame_begin(s->store);
+    mni_navigator_frame(&s->nav, camera, s->tolerance_px);
+    double waits_ms = now_ms();
+    mni_store_frame_end(s->store, s->desc.fps > 0 ? 1.0 / (double)s->desc.fps : 0);
+    waits_ms = s->desc.io_serial ? now_ms() - waits_ms : 0;
+    uint32_t pending = mni_store_pending(s->store);
+    mni_navigator_give_way(&s->nav, pending > 0);
+    stats->nav_ms += now_ms() - start_ms - waits_ms;
+    const mni_work *work = &s->nav.work;
+    stats->splits += work->splits;
+    stats->collapses += work->collapses;
+    stats->adapt += work->splits + work->collapses;
+    stats->misses += work->misses;
+    stats->refused_front += work->refused_front;
+    stats->refused_budget += work->refused_budget;
+    stats->refused_pool += work->refused_pool;
+    stats->waits_dependency += work->waits_dependency;
+#ifdef MN_SLOW_CHECKS
+    mn_session_check(s);
+#endif
+    return work->splits + work->collapses > 0 || pending > 0 || !s->nav.settled_level;
+}
+
+/* The front's hash; the agenda, idle between frames, is the scratch. */
+static uint64_t front_hash(mn_session *s) {
+    mni_front *front = &s->nav.front;
+    if (s->hash_version != front->version) {
+        s->hash = mni_front_hash(front, (uint32_t *)s->nav.agenda);
+        s->hash_version = front->version;
+    }
+    return s->hash;
+}
+
+/* What a frame's figures need besides the counts of its rounds. before: the store's, then. */
+static void stats_finish(mn_session *s, const mn_session_stats *before, mn_frame_stats *stats) {
+    mn_session_stats after = {0};
+    mni_store_stats(s->store, &after);
+    stats->frame = s->frame;
+    stats->active_nodes = s->nav.front.active;
+    stats->triangles = s->nav.front.triangles;
+    stats->tolerance_px = s->nav.lens.tolerance_px;
+    stats->error_px = mni_navigator_error_px(&s->nav);
+    stats->front_over_wanted = NAN;
+    if (s->desc.store == MN_STORE_RESIDENT && s->desc.wide_front_over_wanted)
+        stats->front_over_wanted = mni_navigator_front_over_wanted(&s->nav);
+    stats->reads = after.reads - before->reads;
+    stats->read_bytes = after.read_bytes - before->read_bytes;
+    stats->evictions = after.evictions - before->evictions;
+    stats->second_chances = after.second_chances - before->second_chances;
+    stats->prefetches = after.prefetches - before->prefetches;
+    stats->front_hash = front_hash(s);
+    mni_store_levels(s->store, &stats->blocks_in_use, &stats->blocks_resident);
+}
+
+void mn_session_frame(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
+    mn_frame_stats here = {0};
+    mn_session_stats before = {0};
+    if (stats != NULL)
+        mni_store_stats(s->store, &before);
+    here.changed = navigate(s, camera, &here);
+    if (s->desc.barrier) {
+        for (int round = 1; here.changed && round < ROUNDS_MAX; round++) {
+            mni_store_drain(s->store);
+            here.changed = navigate(s, camera, &here);
+        }
+    }
+    s->total.frames++;
+    s->total.misses += here.misses;
+    s->total.adapt += here.adapt;
+    s->total.refused_front += here.refused_front;
+    s->total.refused_budget += here.refused_budget;
+    s->total.refused_pool += here.refused_pool;
+    s->total.waits_dependency += here.waits_dependency;
+    if (stats != NULL) {
+        stats_finish(s, &before, &here);
+        *stats = here;
+    }
+    s->frame++;
+}
+
+uint32_t mn_session_settle(mn_session *s, const mn_camera *camera, uint32_t frames_max) {
+    for (uint32_t frame = 1; frame <= frames_max; frame++) {
+        mn_frame_stats here = {0};
+        bool changed = navigate(s, camera, &here);
+        s->total.frames++;
+        s->total.misses += here.misses;
+        s->total.adapt += here.adapt;
+        s->frame++;
+        if (!changed)
+            return frame;
+        mni_store_drain(s->store);
+    }
+    return frames_max;
+}
+
+void mn_session_drain(mn_session *s) {
+    mni_store_drain(s->store);
+}
+
+void mn_session_set_tolerance(mn_session *s, float tolerance_px) {
+    MN_ASSERT(!isnan(tolerance_px));
+    s->tolerance_px = tolerance_px;
+}
+
+bool mn_session_at_roots(const mn_session *s) {
+    return s->nav.front.active == s->header.roots;
+}
+
+void mn_session_stats_get(const mn_session *s, mn_session_stats *out) {
+    *out = (mn_session_stats){0};
+    mni_store_stats(s->store, out);
+    out->checksum_failures += s->nav.front.bad; /* good checksums, lying contents */
+    out->frames = s->total.frames;
+    out->misses = s->total.misses;
+    out->adapt = s->total.adapt;
+    out->refused_front = s->total.refused_front;
+    out->refused_budget = s->total.refused_budget;
+    out->refused_pool = s->total.refused_pool;
+    out->waits_dependency = s->total.waits_dependency;
+}
+
+void mn_session_front(const mn_session *s, mn_front *out) {
+    const mni_front *front = &s->nav.front;
+    *out = (mn_front){.node_slots = 2 * front->pairs_high,
+                      .position = front->position,
+                      .color = front->color,
+                      .switch_value = front->switch_value,
+                      .simplex_slots = front->simplices_high,
+                      .simplex_node = front->simplex_node,
+                      .simplex_leaf = front->simplex_leaf,
+                      .triangles = front->triangles};
+}
+
+/* ---- checks ---------------------------------------------------------------------------------- */
+
+static uint32_t usage_of(void *context, mni_entry entry) {
+    const mn_session *s = context;
+    return s->usage[entry];
+}
+
+void mn_session_check(mn_session *s) {
+    mni_front_check(&s->nav.front);
+    MN_ASSERT(!s->desc.closed || mni_front_imbalance(&s->nav.front) == 0);
+    memset(s->usage, 0, s->entries_max * sizeof *s->usage);
+    mni_front_usage(&s->nav.front, s->usage);
+    mni_store_check_all(s->store, usage_of, s);
+}
+
+static void normal_of(const float *const p[3], double out[3]) {
+    double u[3], v[3];
+    for (int i = 0; i < 3; i++) {
+        u[i] = (double)p[1][i] - (double)p[0][i];
+        v[i] = (double)p[2][i] - (double)p[0][i];
+    }
+    out[0] = u[1] * v[2] - u[2] * v[1];
+    out[1] = u[2] * v[0] - u[0] * v[2];
+    out[2] = u[0] * v[1] - u[1] * v[0];
+}
+
+uint64_t mn_session_foldovers(mn_session *s, uint64_t *legal) {
+    MN_ASSERT(s->desc.store == MN_STORE_RESIDENT);
+    mni_front *front = &s->nav.front;
+    uint64_t count = 0, legal_count = 0;
+    for (uint32_t simplex = 0; simplex < front->simplices_high; simplex++) {
+        const uint32_t *node = &front->simplex_node[3 * (size_t)simplex];
+        const uint32_t *leaf = &front->simplex_leaf[3 * (size_t)simplex];
+        if (node[0] == MN_NONE || node[2] == MN_NONE)
+            continue;
+        float input[3][3];
+        const float *now[3], *then[3] = {input[0], input[1], input[2]};
+        bool there = true, all_legal = true;
+        for (int k = 0; k < 3; k++) {
+            now[k] = &front->position[3 * (size_t)node[k]];
+            there = mni_front_leaf_position(front, leaf[k], input[k]) && there;
+            all_legal = all_legal && front->node[node[k]].order <= s->header.legal_last;
+        }
+        double a[3], b[3];
+        normal_of(now, a);
+        normal_of(then, b);
+        if (there && a[0] * b[0] + a[1] * b[1] + a[2] * b[2] < 0) {
+            count++;
+            legal_count += all_legal;
+        }
+    }
+    if (legal != NULL)
+        *legal = legal_count;
+    return count;
+}

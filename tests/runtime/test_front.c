@@ -1,0 +1,330 @@
+/* Goal: the front stays the image of the input under splits and collapses in any allowed order, and
+ * unsplit undoes. Method: random moves on small models, the invariants after each; then fully
+ * refined against the tree's simplices, triangle for triangle, and fully coarse. */
+#include <check.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "assert.h"
+#include "front.h"
+#include "model.h"
+
+typedef struct rig {
+    model m;
+    mni_block_limits limits;
+    mni_arena arena;
+    mni_store *store;
+    mni_front front;
+    uint32_t *usage;
+} rig;
+
+static void rig_open(rig *r, model_shape shape, uint32_t triangles, const mn_block_desc *blocks) {
+    mn_status st = {0};
+    memset(r, 0, sizeof *r);
+    model_make(&r->m, shape, triangles, blocks);
+    const mn_header *h = &r->m.header;
+    r->limits = (mni_block_limits){h->leaves, h->nodes, h->file_bytes, h->has_colors};
+    uint32_t simplices = (uint32_t)(h->triangles + h->hinges);
+    size_t need = mni_store_need_bytes(h, MN_STORE_RESIDENT, 0) +
+                  mni_front_need_bytes(h, h->leaves, simplices);
+    mn_code code = mni_arena_open(&r->arena, need, &st);
+    mni_store_desc store = {.path = r->m.path,
+                            .header = h,
+                            .kind = MN_STORE_RESIDENT,
+                            .check = mni_front_block_check,
+                            .check_context = &r->limits};
+    if (code == MN_OK)
+        code = mni_store_open(&store, &r->arena, &r->store, &st);
+    if (code == MN_OK)
+        code = mni_front_open(&r->front, r->store, h, h->leaves, simplices, &r->arena, &st);
+    ck_assert_msg(code == MN_OK, "%s", st.text);
+    r->usage = calloc(mni_store_entries_max(h, MN_STORE_RESIDENT, 0), sizeof *r->usage);
+    ck_assert_ptr_nonnull(r->usage);
+}
+
+static void rig_close(rig *r) {
+    mni_store_close(r->store);
+    mni_arena_close(&r->arena);
+    model_free(&r->m);
+    free(r->usage);
+}
+
+static uint32_t usage_of(void *context, mni_entry entry) {
+    return ((rig *)context)->usage[entry];
+}
+
+static void check(rig *r) {
+    mni_front_check(&r->front);
+    if (r->m.closed)
+        ck_assert_uint_eq(mni_front_imbalance(&r->front), 0);
+    memset(r->usage, 0,
+           mni_store_entries_max(&r->m.header, MN_STORE_RESIDENT, 0) * sizeof *r->usage);
+    mni_front_usage(&r->front, r->usage);
+    mni_store_check_all(r->store, usage_of, r);
+}
+
+static bool can_split(rig *r, uint32_t slot) {
+    return mni_front_is_active(&r->front, slot) && !mni_front_is_leaf(&r->front, slot) &&
+           mni_front_split_blocker(&r->front, slot) == MN_NONE;
+}
+
+static bool can_collapse(rig *r, uint32_t pair) {
+    return mni_front_is_fork(&r->front, pair) &&
+           mni_front_collapse_blocker(&r->front, pair) == MN_NONE;
+}
+
+static void split(rig *r, uint32_t slot) {
+    ck_assert_int_eq(mni_front_split(&r->front, slot), MNI_DONE);
+    mni_front_release(&r->front, slot);
+}
+
+static void refine_fully(rig *r) {
+    for (bool any = true; any;) {
+        any = false;
+        for (uint32_t slot = 0; slot < 2 * r->front.pairs_high; slot++)
+            if (can_split(r, slot)) {
+                split(r, slot);
+                any = true;
+            }
+    }
+}
+
+static void coarsen_fully(rig *r) {
+    for (bool any = true; any;) {
+        any = false;
+        for (uint32_t pair = 0; pair < r->front.pairs_high; pair++)
+            if (can_collapse(r, pair)) {
+                ck_assert_int_eq(mni_front_collapse(&r->front, pair), MNI_DONE);
+                any = true;
+            }
+    }
+}
+
+/* The cyclic order is what counts, not where it begins. */
+static void normalise(uint32_t (*triple)[3], uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t *t = triple[i];
+        bool hinge = t[2] == MN_NONE;
+        while (t[0] > t[1] || (!hinge && t[0] > t[2])) {
+            uint32_t first = t[0];
+            t[0] = t[1];
+            t[1] = hinge ? first : t[2];
+            t[2] = hinge ? MN_NONE : first;
+        }
+    }
+}
+
+static int compare_triples(const void *a, const void *b) {
+    return memcmp(a, b, 3 * sizeof(uint32_t));
+}
+
+/* All of the tree's simplices are active, each once, its corners at its own leaves. */
+static void check_full_detail(rig *r) {
+    const mni_front *f = &r->front;
+    const mn_tree *tree = &r->m.tree;
+    ck_assert_uint_eq(f->active, tree->leaves);
+    ck_assert_uint_eq(f->simplices_used, tree->simplices);
+    uint32_t(*have)[3] = calloc(tree->simplices, sizeof *have);
+    uint32_t(*want)[3] = calloc(tree->simplices, sizeof *want);
+    ck_assert(have != NULL && want != NULL);
+    uint32_t count = 0;
+    for (uint32_t s = 0; s < f->simplices_high; s++)
+        if (f->simplex_node[3 * s] != MN_NONE)
+            memcpy(have[count++], &f->simplex_leaf[3 * s], sizeof *have);
+    memcpy(want, tree->corner, tree->simplices * sizeof *want);
+    normalise(have, count);
+    normalise(want, count);
+    qsort(have, count, sizeof *have, compare_triples);
+    qsort(want, count, sizeof *want, compare_triples);
+    ck_assert_mem_eq(have, want, count * sizeof *have);
+    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++) {
+        if (!mni_front_is_active(f, slot))
+            continue;
+        uint32_t leaf = f->node[slot].leaf_lo;
+        ck_assert_uint_eq(f->node[slot].leaf_hi, leaf + 1);
+        ck_assert_mem_eq(&f->position[3 * slot], &tree->leaf_position[3 * leaf], 3 * sizeof(float));
+        if (tree->leaf_color != NULL)
+            ck_assert_uint_eq(f->color[slot], tree->leaf_color[leaf]);
+    }
+    free(have);
+    free(want);
+}
+
+static const mn_block_desc levels_5 = {.blocking = MN_BLOCKING_LEVELS, .l = 5};
+static const mn_block_desc levels_3 = {.blocking = MN_BLOCKING_LEVELS, .l = 3};
+
+/* Node for node what the tree says, on every shape. */
+START_TEST(full_and_back) {
+    rig r;
+    rig_open(&r, (model_shape)(_i / 2), 600, _i % 2 ? &levels_3 : &levels_5);
+    check(&r);
+    refine_fully(&r);
+    check(&r);
+    check_full_detail(&r);
+    coarsen_fully(&r);
+    check(&r);
+    ck_assert_uint_eq(r.front.active, r.m.header.roots);
+    ck_assert_uint_eq(r.front.simplices_used, 0);
+    if (_i / 2 != MODEL_GLOBE) /* its poles have more neighbours than are looked through */
+        ck_assert_uint_eq(r.front.descents, 0);
+    rig_close(&r);
+}
+END_TEST
+
+/* Allowed moves in a random order never break an invariant, and never block the way to either end.
+ */
+START_TEST(random_moves) {
+    rig r;
+    rig_open(&r, (model_shape)_i, 300, &levels_5);
+    for (int phase = 0; phase < 8; phase++) {
+        bool finer = phase % 2 == 0;
+        for (int i = 0; i < 150; i++) {
+            uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high));
+            if (model_uniform(0, 1) < (finer ? 0.8 : 0.2)) {
+                if (can_split(&r, slot))
+                    split(&r, slot);
+            } else if (can_collapse(&r, slot / 2)) {
+                ck_assert_int_eq(mni_front_collapse(&r.front, slot / 2), MNI_DONE);
+            }
+            check(&r);
+        }
+    }
+    refine_fully(&r);
+    check_full_detail(&r);
+    coarsen_fully(&r);
+    ck_assert_uint_eq(r.front.active, r.m.header.roots);
+    rig_close(&r);
+}
+END_TEST
+
+/* Ten splits undone in reverse leave the front as it was, counts and all. */
+START_TEST(unsplit_undoes) {
+    rig r;
+    uint32_t done[10], scratch[2 * 2000];
+    rig_open(&r, (model_shape)_i, 400, &levels_3);
+    for (int round = 0; round < 60; round++) {
+        uint64_t version = r.front.version, hash = mni_front_hash(&r.front, scratch);
+        uint32_t simplices = r.front.simplices_used, triangles = r.front.triangles;
+        int count = 0;
+        for (uint32_t slot = 0; slot < 2 * r.front.pairs_high && count < 10; slot++)
+            if (can_split(&r, slot)) {
+                ck_assert_int_eq(mni_front_split(&r.front, slot), MNI_DONE);
+                done[count++] = slot;
+            }
+        while (count > 0)
+            mni_front_unsplit(&r.front, done[--count]);
+        check(&r);
+        ck_assert_uint_eq(mni_front_hash(&r.front, scratch), hash);
+        ck_assert_uint_eq(r.front.version, version);
+        ck_assert_uint_eq(r.front.simplices_used, simplices);
+        ck_assert_uint_eq(r.front.triangles, triangles);
+        for (uint32_t slot = 0; slot < 2 * r.front.pairs_high; slot++)
+            if (can_split(&r, slot)) { /* and on */
+                split(&r, slot);
+                break;
+            }
+    }
+    rig_close(&r);
+}
+END_TEST
+
+/* A witness answers as a scan would, through every change around it. */
+START_TEST(witnesses) {
+    rig r;
+    rig_open(&r, MODEL_GLOBE, 700, &levels_5);
+    for (int i = 0; i < 1500; i++) {
+        uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high)), found;
+        if (mni_front_is_active(&r.front, slot)) {
+            bool blocked = mni_front_split_blocker(&r.front, slot) != MN_NONE;
+            ck_assert(blocked == (mni_front_split_blockers(&r.front, slot, &found, 1) == 1));
+            if (!blocked && !mni_front_is_leaf(&r.front, slot) && i % 3)
+                split(&r, slot);
+        }
+        uint32_t pair = slot / 2;
+        if (mni_front_is_fork(&r.front, pair)) {
+            bool blocked = mni_front_collapse_blocker(&r.front, pair) != MN_NONE;
+            r.front.pair[pair].witness = MN_NONE;
+            ck_assert(blocked == (mni_front_collapse_blocker(&r.front, pair) != MN_NONE));
+            if (!blocked && i % 5 == 0)
+                ck_assert_int_eq(mni_front_collapse(&r.front, pair), MNI_DONE);
+        }
+    }
+    check(&r);
+    rig_close(&r);
+}
+END_TEST
+
+/* Leaves found by descent, and their input positions through the blocks, whatever the front. */
+START_TEST(leaves) {
+    rig r;
+    rig_open(&r, MODEL_FINS, 500, &levels_3);
+    for (int round = 0; round < 3; round++) {
+        for (uint32_t leaf = 0; leaf < r.m.header.leaves; leaf++) {
+            float at[3];
+            const mni_front_node *n = &r.front.node[mni_front_find(&r.front, leaf)];
+            ck_assert(n->leaf_lo <= leaf && leaf < n->leaf_hi && (n->flags & MNI_NODE_ACTIVE));
+            ck_assert(mni_front_leaf_position(&r.front, leaf, at));
+            ck_assert_mem_eq(at, &r.m.tree.leaf_position[3 * leaf], sizeof at);
+        }
+        check(&r); /* nothing is left in use */
+        for (int i = 0; i < 60; i++) {
+            uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high));
+            if (can_split(&r, slot))
+                split(&r, slot);
+        }
+    }
+    rig_close(&r);
+}
+END_TEST
+
+/* Too little room is refused, and changes nothing. */
+START_TEST(room) {
+    rig r;
+    rig_open(&r, MODEL_TORUS, 200, &levels_5);
+    uint32_t pairs_max = r.front.pairs_max, simplices_max = r.front.simplices_max;
+    r.front.pairs_max = r.front.pairs_used;
+    ck_assert(can_split(&r, 0));
+    ck_assert_int_eq(mni_front_split(&r.front, 0), MNI_REFUSED_FRONT);
+    r.front.pairs_max = pairs_max;
+    uint32_t refused = 0;
+    for (int i = 0; i < 400; i++) {
+        uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high));
+        if (!can_split(&r, slot))
+            continue;
+        r.front.simplices_max = r.front.simplices_used;
+        uint32_t active = r.front.active;
+        mni_outcome outcome = mni_front_split(&r.front, slot);
+        r.front.simplices_max = simplices_max;
+        if (outcome == MNI_REFUSED_FRONT) {
+            refused++;
+            ck_assert_uint_eq(r.front.active, active);
+            check(&r);
+            split(&r, slot);
+        } else { /* it brought no simplex */
+            ck_assert_int_eq(outcome, MNI_DONE);
+            mni_front_release(&r.front, slot);
+        }
+    }
+    ck_assert_uint_gt(refused, 20);
+    check(&r);
+    rig_close(&r);
+}
+END_TEST
+
+int main(void) {
+    Suite *suite = suite_create("front");
+    TCase *tc = tcase_create("front");
+    tcase_set_timeout(tc, 60);
+    tcase_add_loop_test(tc, full_and_back, 0, 2 * MODEL_SHAPES);
+    tcase_add_loop_test(tc, random_moves, 0, MODEL_SHAPES);
+    tcase_add_loop_test(tc, unsplit_undoes, 0, MODEL_SHAPES);
+    tcase_add_test(tc, witnesses);
+    tcase_add_test(tc, leaves);
+    tcase_add_test(tc, room);
+    suite_add_tcase(suite, tc);
+    SRunner *runner = srunner_create(suite);
+    srunner_run_all(runner, CK_ENV);
+    const int failed = srunner_ntests_failed(runner);
+    srunner_free(runner);
+    return failed == 0 ? 0 : 1;
+}

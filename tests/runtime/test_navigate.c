@@ -1,0 +1,222 @@
+/* Goal: the settled front is a pure function of the camera, one frame settles when nothing is in
+ * the way, budgets and rooms are kept, and degrading ends. Method: small models with everything
+ * resident; the same camera reached by different ways, budgets and rooms; hashes compared. */
+#include <check.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "model.h"
+
+enum { ENOUGH = 5000 };
+
+static const mn_block_desc levels_4 = {.blocking = MN_BLOCKING_LEVELS, .l = 4};
+
+static mn_frame_stats frame(mn_session *s, mn_camera camera) {
+    mn_frame_stats stats;
+    mn_session_frame(s, &camera, &stats);
+    return stats;
+}
+
+static uint64_t settled_hash(mn_session *s, mn_camera camera) {
+    ck_assert_uint_lt(mn_session_settle(s, &camera, ENOUGH), ENOUGH);
+    mn_session_check(s);
+    return frame(s, camera).front_hash;
+}
+
+static mn_camera random_camera(const model *m) {
+    return model_camera(m, model_uniform(0, 1), exp(model_uniform(log(0.8), log(20))));
+}
+
+/* One frame does all there is to do; the next does nothing. */
+START_TEST(one_frame_settles) {
+    model m;
+    model_make(&m, (model_shape)_i, 3000, &levels_4);
+    mn_session_desc desc = model_desc(&m);
+    mn_session *s = model_open(&desc);
+    uint64_t adapted = 0;
+    for (int i = 0; i < 25; i++) {
+        mn_camera camera = random_camera(&m);
+        adapted += frame(s, camera).adapt;
+        mn_frame_stats again = frame(s, camera);
+        ck_assert_uint_eq(again.adapt, 0);
+        ck_assert(!again.changed);
+        ck_assert_uint_eq(
+            again.misses + again.refused_front + again.refused_budget + again.refused_pool, 0);
+        ck_assert(again.error_px <= 1);
+        mn_session_check(s);
+    }
+    ck_assert_uint_gt(adapted, 200);
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
+/* From the roots, from full detail, and from wherever a walk has led: the same front. */
+START_TEST(histories) {
+    model m;
+    model_make(&m, (model_shape)_i, 2500, &levels_4);
+    mn_session_desc desc = model_desc(&m), crawl = desc;
+    crawl.nav_ops = 7;
+    mn_session *walker = model_open(&desc), *crawler = model_open(&crawl);
+    for (int i = 0; i < 12; i++) {
+        mn_camera camera = random_camera(&m);
+        mn_session *fresh = model_open(&desc);
+        uint64_t expected = settled_hash(fresh, camera);
+        ck_assert_uint_eq(settled_hash(walker, camera), expected);
+        ck_assert_uint_eq(settled_hash(crawler, camera), expected);
+        mn_session_set_tolerance(fresh, -1);
+        frame(fresh, camera);
+        mn_front front;
+        mn_session_front(fresh, &front);
+        ck_assert_uint_eq(front.triangles, m.header.triangles);
+        mn_session_set_tolerance(fresh, 1);
+        ck_assert_uint_eq(settled_hash(fresh, camera), expected);
+        mn_session_set_tolerance(fresh, INFINITY);
+        settled_hash(fresh, camera);
+        ck_assert(mn_session_at_roots(fresh));
+        mn_session_close(fresh);
+    }
+    mn_session_close(walker);
+    mn_session_close(crawler);
+    model_free(&m);
+}
+END_TEST
+
+/* No frame does more than its budget, but for a chain that is longer than all of it and the first
+ * of its frame; every frame with something left to do does something. */
+START_TEST(budget) {
+    static const uint64_t budgets[] = {1, 2, 10, 100};
+    model m;
+    model_make(&m, MODEL_TORUS, 2000, &levels_4);
+    for (int b = 0; b < 4; b++) {
+        mn_session_desc desc = model_desc(&m);
+        desc.nav_ops = budgets[b];
+        mn_session *s = model_open(&desc);
+        mn_camera camera = model_camera(&m, 0.1, 1.5);
+        uint64_t refused = 0, longer = 0;
+        for (int i = 0; i < ENOUGH; i++) {
+            mn_frame_stats f = frame(s, i % 200 == 199 ? random_camera(&m) : camera);
+            longer += f.adapt > budgets[b];
+            refused += f.refused_budget;
+            ck_assert(f.refused_budget == 0 || f.adapt > 0);
+            ck_assert(f.collapses <= budgets[b]);
+            if (f.collapses > 0)
+                ck_assert_uint_le(f.adapt, budgets[b]);
+            if (!f.changed && i % 200 != 199)
+                break;
+        }
+        ck_assert_uint_gt(refused, 0);
+        ck_assert(budgets[b] < 100 || longer == 0);
+        ck_assert(budgets[b] > 1 || longer > 0); /* forced splits do happen */
+        mn_session_close(s);
+    }
+    model_free(&m);
+}
+END_TEST
+
+/* A front too small for the wanted mesh: the tolerance rises until it fits, stays while the camera
+ * stands, and falls when there is room again. */
+START_TEST(degrading) {
+    model m;
+    model_make(&m, MODEL_TORUS, 3000, &levels_4);
+    mn_session_desc desc = model_desc(&m);
+    desc.front_max = 250;
+    mn_session *s = model_open(&desc);
+    mn_camera near = model_camera(&m, 0.2, 1.2), far = model_camera(&m, 0.2, 400);
+    ck_assert_uint_lt(mn_session_settle(s, &near, ENOUGH), 400);
+    mn_frame_stats still = frame(s, near);
+    ck_assert(still.tolerance_px > 1 && still.active_nodes <= 250);
+    ck_assert_uint_gt(still.active_nodes, 100); /* the room is used */
+    ck_assert(still.error_px <= still.tolerance_px);
+    for (int i = 0; i < 50; i++) {
+        mn_frame_stats f = frame(s, near);
+        ck_assert(!f.changed && f.adapt == 0 && f.refused_front == 0);
+        ck_assert_double_eq(f.tolerance_px, still.tolerance_px);
+    }
+    ck_assert_uint_lt(mn_session_settle(s, &far, ENOUGH), 400);
+    ck_assert_double_eq(frame(s, far).tolerance_px, 1);
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
+/* A moving camera over a front that is too small: never a jump of more than a step. */
+START_TEST(degrading_in_motion) {
+    model m;
+    model_make(&m, MODEL_TERRAIN, 3000, &levels_4);
+    mn_session_desc desc = model_desc(&m);
+    desc.front_max = 300;
+    mn_session *s = model_open(&desc);
+    double before = 1;
+    uint32_t turns = 0, direction = 0;
+    for (int i = 0; i < 300; i++) {
+        mn_frame_stats f = frame(s, model_camera(&m, i * 1e-3, 1.3));
+        double step = f.tolerance_px / before;
+        ck_assert(f.active_nodes <= 300 && step < 1.2 && step > 0.83);
+        uint32_t now = step > 1 ? 1 : step < 1 ? 2 : direction;
+        turns += now != direction;
+        direction = now;
+        before = f.tolerance_px;
+    }
+    ck_assert_uint_lt(turns, 80); /* it does not flutter from frame to frame */
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
+/* Without degrading the tolerance stays, and what does not fit is counted in each frame. */
+START_TEST(not_degrading) {
+    model m;
+    model_make(&m, MODEL_TORUS, 3000, &levels_4);
+    mn_session_desc desc = model_desc(&m);
+    desc.front_max = 250;
+    desc.degrade_off = true;
+    mn_session *s = model_open(&desc);
+    for (int i = 0; i < 5; i++) {
+        mn_frame_stats f = frame(s, model_camera(&m, 0.2, 1.2));
+        ck_assert_double_eq(f.tolerance_px, 1);
+        ck_assert(f.refused_front > 0 && f.active_nodes <= 250);
+        ck_assert(i == 0 || !f.changed);
+    }
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
+/* Forced splits: the front is at least what is wanted, and the ratio says by how much. */
+START_TEST(front_over_wanted) {
+    model m;
+    model_make(&m, MODEL_GLOBE, 3000, &levels_4);
+    mn_session_desc desc = model_desc(&m);
+    desc.wide_front_over_wanted = true;
+    mn_session *s = model_open(&desc);
+    for (int i = 0; i < 10; i++) {
+        mn_frame_stats f = frame(s, random_camera(&m));
+        ck_assert(f.front_over_wanted >= 1 && f.front_over_wanted < 30);
+    }
+    mn_session_set_tolerance(s, -1);
+    ck_assert_double_eq(frame(s, random_camera(&m)).front_over_wanted, 1);
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
+int main(void) {
+    Suite *suite = suite_create("navigate");
+    TCase *tc = tcase_create("navigate");
+    tcase_set_timeout(tc, 120);
+    tcase_add_loop_test(tc, one_frame_settles, 0, MODEL_SHAPES);
+    tcase_add_loop_test(tc, histories, 0, MODEL_SHAPES);
+    tcase_add_test(tc, budget);
+    tcase_add_test(tc, degrading);
+    tcase_add_test(tc, degrading_in_motion);
+    tcase_add_test(tc, not_degrading);
+    tcase_add_test(tc, front_over_wanted);
+    suite_add_tcase(suite, tc);
+    SRunner *runner = srunner_create(suite);
+    srunner_run_all(runner, CK_ENV);
+    const int failed = srunner_ntests_failed(runner);
+    srunner_free(runner);
+    return failed == 0 ? 0 : 1;
+}

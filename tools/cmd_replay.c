@@ -1,0 +1,300 @@
+/* metanode replay: navigates along a path without a window, and says how it went. See --help.
+ *
+ * Hides the loop over frames and what is measured when. Memory: what it needs besides the session
+ * (figures, trace, a path file's cameras) is taken before the session is opened, and told to its
+ * plan. Main thread only; GL is loaded for --images alone. */
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+
+#include "gl_load.h"
+#include "replay_figures.h"
+#include "session_options.h"
+#include "trace.h"
+
+enum {
+    CSV = SESSION_OPTION_END,
+    TRACE,
+    IMAGES,
+    SETTLE,
+    STDIO_BYTES = 1 << 14,
+    SETTLE_FRAMES_MAX = 1 << 20,
+    FOLDOVER_SAMPLES = 8, /* frames of a run whose foldovers are counted: each is slow */
+};
+
+typedef struct replay {
+    session_options options;
+    const char *csv_name, *trace_name, *images_dir;
+    bool settle;
+
+    mn_path *path;
+    mn_session *session;
+    FILE *csv;
+    trace *trace;
+    gl_load gl;
+    mn_gl *picture;
+    replay_figures figures;
+    char csv_buffer[STDIO_BYTES];
+} replay;
+
+static void help(void) {
+    printf("usage: metanode replay FILE.mnt --path P [OPTION …]\n\n"
+           "Navigates along a path without a window, and prints how it went.\n\n%s"
+           "  --settle          then let the last camera stand until settled, and go to the roots\n"
+           "  --csv F           a row a frame\n"
+           "  --trace F         what happens to place holders, event by event\n"
+           "  --images DIR      a picture a frame, DIR/frame-000000.png …\n",
+           session_options_help);
+}
+
+/* ---- options --------------------------------------------------------------------------------- */
+
+/* false: done, with *code. */
+static bool parse(replay *r, int argc, char **argv, int *code) {
+    static const struct option options[] = {SESSION_OPTIONS,
+                                            {"csv", required_argument, NULL, CSV},
+                                            {"trace", required_argument, NULL, TRACE},
+                                            {"images", required_argument, NULL, IMAGES},
+                                            {"settle", no_argument, NULL, SETTLE},
+                                            {"help", no_argument, NULL, 'h'},
+                                            {0, 0, 0, 0}};
+    int found;
+    *code = MN_OK;
+    session_options_init(&r->options);
+    while ((found = cli_option(argc, argv, SESSION_OPTIONS_SHORT "h", options)) != -1) {
+        if (session_options_take(&r->options, argv[0], found, optarg, code)) {
+            if (*code != MN_OK)
+                return false;
+            continue;
+        }
+        switch (found) {
+        case CSV:
+            r->csv_name = optarg;
+            break;
+        case TRACE:
+            r->trace_name = optarg;
+            break;
+        case IMAGES:
+            r->images_dir = optarg;
+            break;
+        case SETTLE:
+            r->settle = true;
+            break;
+        case 'h':
+            help();
+            return false;
+        default:
+            *code = MN_USAGE;
+            return false;
+        }
+    }
+    *code = session_options_file(&r->options, argc, argv);
+    if (*code == MN_OK && r->options.path_name == NULL)
+        *code = cli_error(MN_USAGE, "replay: which --path? orbit, dive, flyover, or a path file");
+    return *code == MN_OK;
+}
+
+/* ---- open and close -------------------------------------------------------------------------- */
+
+static mn_code csv_open(replay *r, mn_status *st) {
+    r->csv = fopen(r->csv_name, "we");
+    if (r->csv == NULL)
+        return mn_fail(st, MN_FAILED, "--csv %s: cannot be written: %s", r->csv_name,
+                       strerror(errno));
+    setvbuf(r->csv, r->csv_buffer, _IOFBF, sizeof r->csv_buffer);
+    figures_csv_header(r->csv);
+    return MN_OK;
+}
+
+/* The module, and a context for the largest front that this plan allows. */
+static mn_code picture_open(replay *r, mn_status *st) {
+    if (mkdir(r->images_dir, 0777) != 0 && errno != EEXIST)
+        return mn_fail(st, MN_FAILED, "--images %s: cannot be made: %s", r->images_dir,
+                       strerror(errno));
+    mn_code code = gl_load_module(&r->gl, st);
+    if (code != MN_OK)
+        return code;
+    const mn_header *header = mn_session_header(r->session);
+    mn_plan plan;
+    mn_session_plan(r->session, &plan);
+    mn_gl_desc desc = {.width_px = r->options.desc.width_px,
+                       .height_px = r->options.desc.height_px,
+                       .node_slots_max = 2 * plan.front_max,
+                       .simplex_slots_max = plan.simplices_max,
+                       .has_colors = header->has_colors};
+    memcpy(desc.box_min, header->box_min, sizeof desc.box_min);
+    memcpy(desc.box_max, header->box_max, sizeof desc.box_max);
+    uint64_t entered = gl_load_enter();
+    code = r->gl.api->offscreen_open(&desc, &r->picture, st);
+    gl_load_leave(&r->gl, entered);
+    return code;
+}
+
+static mn_code open_all(replay *r, mn_status *st) {
+    session_options *o = &r->options;
+    mn_header header;
+    mn_code code = mn_header_read(o->desc.path, &header, st);
+    if (code == MN_OK)
+        code = mn_path_open(o->path_name, &header, o->fov_y_deg, &r->path, st);
+    if (code != MN_OK)
+        return code;
+    uint32_t recorded = mn_path_frames(r->path);
+    if (recorded > 0 && !o->frames_given)
+        o->frames = recorded;
+    o->desc.base_bytes = sizeof *r + 2 * (uint64_t)recorded * sizeof(mn_camera);
+    o->desc.wide_front_over_wanted = true;
+    if (r->trace_name != NULL) {
+        code = trace_open(r->trace_name, &r->trace, st);
+        o->desc.base_bytes += trace_bytes();
+        o->desc.trace = trace_hook;
+        o->desc.trace_context = r->trace;
+    }
+    if (code == MN_OK)
+        code = mn_session_open(&o->desc, &r->session, st);
+    if (code == MN_OK && r->csv_name != NULL)
+        code = csv_open(r, st);
+    if (code == MN_OK && r->images_dir != NULL)
+        code = picture_open(r, st);
+    return code;
+}
+
+static mn_code close_all(replay *r, mn_status *st) {
+    if (r->picture != NULL)
+        r->gl.api->close(r->picture);
+    mn_session_close(r->session);
+    mn_code code = trace_close(r->trace, st);
+    if (r->csv != NULL) {
+        bool bad = ferror(r->csv) != 0;
+        if (fclose(r->csv) != 0 || bad)
+            code = mn_fail(st, errno == ENOSPC ? MN_NO_SPACE : MN_FAILED,
+                           "--csv %s: could not be written whole", r->csv_name);
+    }
+    mn_path_close(r->path);
+    return code;
+}
+
+/* ---- frames ---------------------------------------------------------------------------------- */
+
+static mn_code picture_save(replay *r, uint32_t frame, const mn_camera *camera, mn_status *st) {
+    static const mn_gl_look look = {0};
+    char name[4096];
+    mn_front front;
+    mn_session_front(r->session, &front);
+    snprintf(name, sizeof name, "%s/frame-%06u.png", r->images_dir, frame);
+    uint64_t entered = gl_load_enter();
+    mn_code code = r->gl.api->front(r->picture, &front, st);
+    if (code == MN_OK)
+        code = r->gl.api->draw(r->picture, camera, &look, st);
+    if (code == MN_OK)
+        code = r->gl.api->png(r->picture, name, st);
+    gl_load_leave(&r->gl, entered);
+    return code;
+}
+
+static void foldovers(replay *r) {
+    if (r->options.desc.store != MN_STORE_RESIDENT)
+        return;
+    uint64_t legal = 0, count = mn_session_foldovers(r->session, &legal);
+    replay_figures *f = &r->figures;
+    f->foldovers = count > f->foldovers ? count : f->foldovers;
+    f->foldovers_legal = legal > f->foldovers_legal ? legal : f->foldovers_legal;
+}
+
+/* A disk in real time needs frames in real time; the simulated one has a clock of its own, and with
+ * a barrier a frame takes what it takes. */
+static void pace(const replay *r, struct timespec *due) {
+    const mn_session_desc *d = &r->options.desc;
+    if (!(d->fps > 0) || d->io == MN_IO_SIM || d->barrier || d->store == MN_STORE_RESIDENT)
+        return;
+    int64_t ns = due->tv_nsec + (int64_t)(1e9 / (double)d->fps);
+    due->tv_sec += (time_t)(ns / 1000000000);
+    due->tv_nsec = (long)(ns % 1000000000);
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, due, NULL) == EINTR)
+        continue;
+}
+
+static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
+    uint32_t frames = r->options.frames;
+    uint32_t sample = frames / FOLDOVER_SAMPLES > 0 ? frames / FOLDOVER_SAMPLES : 1;
+    mn_code code = MN_OK;
+    struct timespec due;
+    clock_gettime(CLOCK_MONOTONIC, &due);
+    for (uint32_t frame = 0; frame < frames && code == MN_OK; frame++) {
+        mn_frame_stats stats;
+        mn_path_camera(r->path, frame, frames, camera);
+        mn_session_frame(r->session, camera, &stats);
+        figures_frame(&r->figures, &stats);
+        if (r->csv != NULL)
+            figures_csv_row(r->csv, &stats);
+        if (r->trace != NULL)
+            trace_flush(r->trace, frame);
+        if (r->picture != NULL)
+            code = picture_save(r, frame, camera, st);
+        if (frame % sample == 0)
+            foldovers(r);
+        pace(r, &due);
+    }
+    return code;
+}
+
+/* The last camera stands until settled; then everything goes back to the roots. */
+static void settle(replay *r, const mn_camera *camera) {
+    mn_frame_stats stats;
+    r->figures.settled = true;
+    r->figures.settle_frames = mn_session_settle(r->session, camera, SETTLE_FRAMES_MAX);
+    mn_session_frame(r->session, camera, &stats);
+    r->figures.front_hash = stats.front_hash;
+    foldovers(r);
+    mn_session_set_tolerance(r->session, INFINITY);
+    mn_session_settle(r->session, camera, SETTLE_FRAMES_MAX);
+    r->figures.back_at_roots = mn_session_at_roots(r->session);
+}
+
+static void finish(replay *r) {
+    replay_figures *f = &r->figures;
+    mn_session_drain(r->session);
+    f->allocations_after_seal = cli_alloc_since_mark();
+    f->has_gl = r->picture != NULL;
+    f->gl_rss_bytes = r->gl.rss_bytes;
+    uint64_t peak = cli_rss_peak_bytes();
+    f->rss_peak_bytes = peak > f->gl_rss_bytes ? peak - f->gl_rss_bytes : peak;
+    f->store = r->options.desc.store;
+    f->l = mn_session_header(r->session)->l;
+    f->block_bytes_max = mn_session_header(r->session)->block_bytes_max;
+    mn_session_plan(r->session, &f->plan);
+    mn_session_stats_get(r->session, &f->totals);
+    if (r->options.json)
+        figures_json(f, stdout);
+    else
+        figures_table(f, stdout);
+}
+
+int cmd_replay(int argc, char **argv) {
+    mn_status st = {0};
+    int code;
+    replay *r = calloc(1, sizeof *r);
+    if (r == NULL)
+        return cli_error(MN_FAILED, "replay: no memory");
+    if (parse(r, argc, argv, &code)) {
+        static char out_buffer[STDIO_BYTES]; /* or printing would allocate one */
+        setvbuf(stdout, out_buffer, _IOFBF, sizeof out_buffer);
+        mn_camera camera;
+        code = open_all(r, &st);
+        cli_alloc_mark();
+        if (code == MN_OK)
+            code = run_frames(r, &camera, &st);
+        if (code == MN_OK && r->settle)
+            settle(r, &camera);
+        if (code == MN_OK)
+            finish(r);
+        mn_code closed = close_all(r, &st);
+        code = code != MN_OK ? code : (int)closed;
+        cli_status(&st);
+    }
+    free(r);
+    return code;
+}

@@ -1,0 +1,241 @@
+/* See replay_figures.h. Hides which keys a replay prints (docs of the command line) and how they
+ * are summed up. */
+#include "replay_figures.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <string.h>
+
+#include "json.h"
+
+/* ---- distributions --------------------------------------------------------------------------- */
+
+static uint32_t bin_of(double value) {
+    float v = (float)value;
+    uint32_t bits;
+    memcpy(&bits, &v, sizeof bits);
+    return v > 0 ? bits >> 16 : 0;
+}
+
+/* The upper end of a bin. */
+static double bin_end(uint32_t bin) {
+    uint32_t bits = bin << 16 | 0xffff;
+    float v;
+    memcpy(&v, &bits, sizeof v);
+    return v;
+}
+
+void spread_add(spread *s, double value) {
+    s->count++;
+    s->sum += value;
+    s->max = value > s->max ? value : s->max;
+    s->bin[bin_of(value)]++;
+}
+
+double spread_mean(const spread *s) {
+    return s->count > 0 ? s->sum / (double)s->count : 0;
+}
+
+double spread_quantile(const spread *s, double q) {
+    uint64_t seen = 0, rank = (uint64_t)ceil(q * (double)s->count);
+    for (uint32_t bin = 0; bin < FIGURES_BINS && s->count > 0; bin++) {
+        seen += s->bin[bin];
+        if (seen >= rank && seen > 0)
+            return bin == 0 ? 0 : fmin(bin_end(bin), s->max);
+    }
+    return 0;
+}
+
+/* ---- frames ---------------------------------------------------------------------------------- */
+
+static double miss_rate(uint64_t misses, uint64_t adapt) {
+    return misses + adapt > 0 ? (double)misses / (double)(misses + adapt) : 0;
+}
+
+void figures_frame(replay_figures *f, const mn_frame_stats *frame) {
+    f->frames++;
+    f->adapt += frame->adapt;
+    f->misses += frame->misses;
+    f->refused_front += frame->refused_front;
+    f->refused_budget += frame->refused_budget;
+    f->refused_pool += frame->refused_pool;
+    f->waits_dependency += frame->waits_dependency;
+    f->triangles += frame->triangles;
+    f->triangles_max = frame->triangles > f->triangles_max ? frame->triangles : f->triangles_max;
+    f->miss_rate += miss_rate(frame->misses, frame->adapt);
+    f->tolerance_px += frame->tolerance_px;
+    f->front_over_wanted += frame->front_over_wanted;
+    f->front_hash = frame->front_hash;
+    spread_add(&f->nav_ms, frame->nav_ms);
+    spread_add(&f->error_px, frame->error_px);
+}
+
+void figures_csv_header(FILE *csv) {
+    fputs("frame,adapt,splits,collapses,active_nodes,triangles,front_over_wanted,tolerance_px,"
+          "error_px,misses,miss_rate,refused_front,refused_budget,refused_pool,waits_dependency,"
+          "reads,read_bytes,second_chances,prefetches,evictions,blocks_in_use,blocks_resident,"
+          "nav_ms,front_hash\n",
+          csv);
+}
+
+void figures_csv_row(FILE *csv, const mn_frame_stats *f) {
+    fprintf(csv, "%" PRIu32, f->frame);
+    const uint64_t counts[] = {f->adapt, f->splits, f->collapses, f->active_nodes, f->triangles};
+    for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++)
+        fprintf(csv, ",%" PRIu64, counts[i]);
+    if (isnan(f->front_over_wanted))
+        fputc(',', csv);
+    else
+        fprintf(csv, ",%.6g", f->front_over_wanted);
+    fprintf(csv, ",%.6g,%.6g,%" PRIu64 ",%.6g", f->tolerance_px, f->error_px, f->misses,
+            miss_rate(f->misses, f->adapt));
+    const uint64_t more[] = {f->refused_front,    f->refused_budget, f->refused_pool,
+                             f->waits_dependency, f->reads,          f->read_bytes,
+                             f->second_chances,   f->prefetches,     f->evictions,
+                             f->blocks_in_use,    f->blocks_resident};
+    for (size_t i = 0; i < sizeof more / sizeof more[0]; i++)
+        fprintf(csv, ",%" PRIu64, more[i]);
+    fprintf(csv, ",%.4f,%016" PRIx64 "\n", f->nav_ms, f->front_hash);
+}
+
+/* ---- the end --------------------------------------------------------------------------------- */
+
+static const char *store_name(mn_store_kind store) {
+    static const char *const names[] = {"paged", "mapped", "resident"};
+    return names[store];
+}
+
+static double mean_of(double sum, uint64_t frames) {
+    return frames > 0 ? sum / (double)frames : 0;
+}
+
+static void json_frames(json *j, const replay_figures *f) {
+    json_u64(j, "frames", f->frames);
+    json_f64(j, "adapt_mean", mean_of((double)f->adapt, f->frames));
+    json_f64(j, "triangles_mean", mean_of((double)f->triangles, f->frames));
+    json_u64(j, "triangles_max", f->triangles_max);
+    json_f64(j, "front_over_wanted", mean_of(f->front_over_wanted, f->frames));
+    json_f64(j, "tolerance_px", mean_of(f->tolerance_px, f->frames));
+    json_u64(j, "misses", f->misses);
+    json_f64(j, "miss_rate_mean", mean_of(f->miss_rate, f->frames));
+    json_f64(j, "miss_rate_overall", miss_rate(f->misses, f->adapt));
+    json_u64(j, "refused_front", f->refused_front);
+    json_u64(j, "refused_budget", f->refused_budget);
+    json_u64(j, "refused_pool", f->refused_pool);
+    json_u64(j, "waits_dependency", f->waits_dependency);
+    if (f->settled) {
+        json_u64(j, "settle_frames", f->settle_frames);
+        json_bool(j, "back_at_roots", f->back_at_roots);
+    } else {
+        json_null(j, "settle_frames");
+        json_null(j, "back_at_roots");
+    }
+    json_f64(j, "nav_ms_mean", spread_mean(&f->nav_ms));
+    json_f64(j, "nav_ms_p50", spread_quantile(&f->nav_ms, 0.5));
+    json_f64(j, "nav_ms_p99", spread_quantile(&f->nav_ms, 0.99));
+    json_f64(j, "nav_ms_max", f->nav_ms.max);
+    json_f64(j, "error_px_p50", spread_quantile(&f->error_px, 0.5));
+    json_f64(j, "error_px_p95", spread_quantile(&f->error_px, 0.95));
+    json_f64(j, "error_px_max", f->error_px.max);
+}
+
+static void json_totals(json *j, const mn_session_stats *t) {
+    json_u64(j, "commands", t->commands);
+    json_u64(j, "commands_loaded", t->commands_loaded);
+    json_u64(j, "commands_resident", t->commands_resident);
+    json_u64(j, "commands_given_up", t->commands_given_up);
+    json_u64(j, "commands_failed", t->commands_failed);
+    json_u64(j, "reads", t->reads);
+    json_u64(j, "read_bytes", t->read_bytes);
+    json_u64(j, "second_chances", t->second_chances);
+    json_u64(j, "prefetches", t->prefetches);
+    json_u64(j, "prefetches_given_up", t->prefetches_given_up);
+    json_u64(j, "urgent_up", t->urgent_up);
+    json_u64(j, "urgent_down", t->urgent_down);
+    json_u64(j, "urgent_down_refused", t->urgent_down_refused);
+    json_u64(j, "evictions", t->evictions);
+    json_u64(j, "checksum_failures", t->checksum_failures);
+    json_u64(j, "io_errors", t->io_errors);
+}
+
+void figures_json(const replay_figures *f, FILE *out) {
+    json j;
+    json_begin(&j, out);
+    json_frames(&j, f);
+    json_totals(&j, &f->totals);
+    if (f->store == MN_STORE_PAGED)
+        json_u64(&j, "k", f->plan.k);
+    else
+        json_null(&j, "k");
+    json_u64(&j, "l", f->l);
+    json_u64(&j, "block_bytes_max", f->block_bytes_max);
+    if (f->plan.ram_cap_bytes > 0)
+        json_u64(&j, "ram_cap_bytes", f->plan.ram_cap_bytes);
+    else
+        json_null(&j, "ram_cap_bytes");
+    json_u64(&j, "ram_planned_bytes", f->plan.planned_bytes);
+    json_u64(&j, "ram_min_bytes", f->plan.ram_min_bytes);
+    json_u64(&j, "front_max", f->plan.front_max);
+    json_u64(&j, "rss_peak_bytes", f->rss_peak_bytes);
+    if (f->has_gl)
+        json_u64(&j, "gl_rss_bytes", f->gl_rss_bytes);
+    else
+        json_null(&j, "gl_rss_bytes");
+    json_u64(&j, "allocations_after_seal", f->allocations_after_seal);
+    json_str(&j, "store", store_name(f->store));
+    if (f->store == MN_STORE_RESIDENT) {
+        json_u64(&j, "foldovers", f->foldovers);
+        json_u64(&j, "foldovers_legal", f->foldovers_legal);
+    } else {
+        json_null(&j, "foldovers");
+        json_null(&j, "foldovers_legal");
+    }
+    char hash[20];
+    snprintf(hash, sizeof hash, "%016" PRIx64, f->front_hash);
+    json_str(&j, "front_hash", hash);
+    json_end(&j);
+}
+
+static double mega(uint64_t bytes) {
+    return (double)bytes / 1048576;
+}
+
+void figures_table(const replay_figures *f, FILE *out) {
+    const mn_session_stats *t = &f->totals;
+    fprintf(out, "%-10s %" PRIu64 " frames, %.1f splits and collapses each\n", store_name(f->store),
+            f->frames, mean_of((double)f->adapt, f->frames));
+    fprintf(out, "triangles  %.0f on average, %" PRIu64 " at most\n",
+            mean_of((double)f->triangles, f->frames), f->triangles_max);
+    fprintf(out, "error      %.2f px (median), %.2f (95 %%), tolerance %.2f\n",
+            spread_quantile(&f->error_px, 0.5), spread_quantile(&f->error_px, 0.95),
+            mean_of(f->tolerance_px, f->frames));
+    fprintf(out, "misses     %" PRIu64 ", rate %.4f (mean of frames), %.4f (overall)\n", f->misses,
+            mean_of(f->miss_rate, f->frames), miss_rate(f->misses, f->adapt));
+    fprintf(out,
+            "refused    %" PRIu64 " front, %" PRIu64 " budget, %" PRIu64 " pool; %" PRIu64
+            " collapses waited for a neighbour\n",
+            f->refused_front, f->refused_budget, f->refused_pool, f->waits_dependency);
+    fprintf(out,
+            "disk       %" PRIu64 " reads, %.1f MB; %" PRIu64 " second chances, %" PRIu64
+            " evictions\n",
+            t->reads, mega(t->read_bytes), t->second_chances, t->evictions);
+    if (t->checksum_failures + t->io_errors > 0)
+        fprintf(out, "faults     %" PRIu64 " checksums, %" PRIu64 " reads\n", t->checksum_failures,
+                t->io_errors);
+    fprintf(out, "navigate   %.3f ms on average, %.3f (99 %%), %.3f at most\n",
+            spread_mean(&f->nav_ms), spread_quantile(&f->nav_ms, 0.99), f->nav_ms.max);
+    fprintf(out, "memory     %.2f MB at the peak; plan %.2f MB", mega(f->rss_peak_bytes),
+            mega(f->plan.planned_bytes));
+    if (f->plan.ram_cap_bytes > 0)
+        fprintf(out, " of %.2f", mega(f->plan.ram_cap_bytes));
+    if (f->has_gl)
+        fprintf(out, "; GL %.2f MB apart", mega(f->gl_rss_bytes));
+    fprintf(out, "\n           %" PRIu64 " allocations after the start\n",
+            f->allocations_after_seal);
+    if (f->store == MN_STORE_RESIDENT)
+        fprintf(out, "foldovers  %" PRIu64 ", %" PRIu64 " of them legal\n", f->foldovers,
+                f->foldovers_legal);
+    if (f->settled)
+        fprintf(out, "settled    in %" PRIu64 " frames; %s\n", f->settle_frames,
+                f->back_at_roots ? "then back at the roots" : "then NOT back at the roots");
+}

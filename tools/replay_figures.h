@@ -1,0 +1,44 @@
+/* The figures of a replay: gathered a frame at a time in constant memory, printed at the end. Main
+ * thread only. */
+#ifndef METANODE_REPLAY_FIGURES_H
+#define METANODE_REPLAY_FIGURES_H
+
+#include <stdio.h>
+
+#include "metanode/runtime.h"
+
+/* A distribution of numbers ≥ 0: a bin for each float's upper 15 bits, so quantiles are within
+ * 0.8 % and the memory does not grow with the frames. */
+enum { FIGURES_BINS = 1 << 15 };
+typedef struct spread {
+    uint64_t count;
+    double sum, max;
+    uint32_t bin[FIGURES_BINS];
+} spread;
+void spread_add(spread *s, double value);
+double spread_mean(const spread *s);
+double spread_quantile(const spread *s, double q); /* 0 when empty */
+
+typedef struct replay_figures {
+    uint64_t frames, adapt, misses, refused_front, refused_budget, refused_pool, waits_dependency;
+    uint64_t triangles, triangles_max;
+    double miss_rate, tolerance_px, front_over_wanted; /* sums over frames */
+    spread nav_ms, error_px;
+
+    /* filled by the command at the end */
+    uint64_t settle_frames, foldovers, foldovers_legal, front_hash;
+    uint64_t rss_peak_bytes, gl_rss_bytes, allocations_after_seal;
+    bool settled, back_at_roots, has_gl;
+    mn_store_kind store;
+    mn_plan plan;
+    mn_session_stats totals;
+    uint32_t l, block_bytes_max;
+} replay_figures;
+
+void figures_frame(replay_figures *figures, const mn_frame_stats *frame);
+void figures_csv_header(FILE *csv);
+void figures_csv_row(FILE *csv, const mn_frame_stats *frame);
+void figures_json(const replay_figures *figures, FILE *out);
+void figures_table(const replay_figures *figures, FILE *out);
+
+#endif
