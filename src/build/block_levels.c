@@ -43,7 +43,9 @@ static mn_code plan_exits(mni_plan *plan, uint32_t block, mn_status *st) {
                 continue;
             code = mni_plan_block(plan, block, &made, st);
             if (code == MN_OK)
-                code = mni_plan_root_add(plan, (mni_plan_root){child, plan->list[i], false}, st);
+                code = mni_plan_root_add(
+                    plan, (mni_plan_root){child, plan->tree->leaf_lo[child], plan->list[i], false},
+                    st);
         }
     plan->block[block].child_count = plan->blocks - plan->block[block].child_first;
     return code;
@@ -54,10 +56,11 @@ mn_code mni_plan_levels(mni_plan *plan, mn_status *st) {
     mn_code code = MN_OK;
     uint32_t placed = 0, made;
     for (uint32_t r = 0; r < tree->roots && code == MN_OK; r++) {
+        uint32_t root = tree->root[r] - tree->leaves;
         code = mni_plan_block(plan, MN_NONE, &made, st);
         if (code == MN_OK)
             code = mni_plan_root_add(
-                plan, (mni_plan_root){tree->root[r] - tree->leaves, MN_NONE, false}, st);
+                plan, (mni_plan_root){root, tree->leaf_lo[root], MN_NONE, false}, st);
     }
     for (uint32_t b = 0; b < plan->blocks && code == MN_OK; b++) {
         if (plan->block[b].is_overflow)

@@ -128,7 +128,7 @@ static void find_exit(const writer *w, const mni_planned *block, uint32_t node, 
     uint32_t lo = 0, hi = b->root_count - 1;
     while (lo < hi) {
         uint32_t middle = (lo + hi) / 2;
-        if (w->tree->leaf_lo[plan->root[b->root_first + middle].node] < w->tree->leaf_lo[node])
+        if (plan->root[b->root_first + middle].leaf_lo < w->tree->leaf_lo[node])
             lo = middle + 1;
         else
             hi = middle;

@@ -1,7 +1,9 @@
 /* Goal: what a tree says survives being cut into blocks, whatever the policy.
  * Method: trees by mn_simplify and trees drawn by lot, written, loaded back, compared whole. */
 #include <check.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "header.h"
 #include "tree_fixture.h"
@@ -43,6 +45,27 @@ START_TEST(levels_keep_the_tree) {
 }
 END_TEST
 
+START_TEST(packed_keeps_the_tree) {
+    mn_mesh mesh;
+    mn_tree tree;
+    mn_header h;
+    fixture_sheet(60, 1, _i % 2 == 1, &mesh);
+    if (_i < 2)
+        fixture_tree(&mesh, &tree);
+    else
+        fixture_random_tree(&mesh, fixture_seed(7), &tree);
+    for (uint32_t bytes = 4096; bytes <= 65536; bytes *= 2) {
+        round_trip(&tree, &(mn_block_desc){.block_bytes = bytes}, &h);
+        ck_assert_uint_eq(h.block_bytes, bytes);
+        ck_assert_uint_le(h.block_bytes_max, bytes);
+        printf("%u bytes: %u blocks, fill %.3f, depth %u\n", bytes, h.blocks, h.fill_mean,
+               h.block_depth);
+    }
+    mn_tree_free(&tree);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
 START_TEST(a_thick_edge_overflows) {
     mn_mesh mesh;
     mn_tree tree;
@@ -51,6 +74,8 @@ START_TEST(a_thick_edge_overflows) {
     fixture_random_tree(&mesh, fixture_seed(3), &tree);
     round_trip(&tree, &(mn_block_desc){.blocking = MN_BLOCKING_LEVELS, .l = 3}, &h);
     ck_assert_uint_ge(h.overflow_max, 1);
+    round_trip(&tree, &(mn_block_desc){.block_bytes = 4096}, &h);
+    ck_assert_uint_ge(h.overflow_max, 2);
     mn_tree_free(&tree);
     mn_mesh_free(&mesh);
 }
@@ -61,6 +86,7 @@ int main(void) {
     TCase *t = tcase_create("policies");
     tcase_set_timeout(t, 60);
     tcase_add_loop_test(t, levels_keep_the_tree, 0, 4);
+    tcase_add_loop_test(t, packed_keeps_the_tree, 0, 4);
     tcase_add_test(t, a_thick_edge_overflows);
     suite_add_tcase(s, t);
     SRunner *r = srunner_create(s);
