@@ -9,6 +9,7 @@ static const cli_command commands[] = {
     {"make", cmd_make, "models of any size: sphere, terrain, isosurface; subdivide"},
     {"compare", cmd_compare, "distance between two meshes"},
     {"replay", cmd_replay, "navigates along a path without a window, with figures"},
+    {"bench", cmd_bench, "measurements that the documents quote"},
     {NULL, NULL, NULL},
 };
 

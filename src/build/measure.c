@@ -15,7 +15,12 @@
 
 #define SLACK 1e-7   /* of the diagonal: positions and switch values are floats */
 #define VISIBLE 1e-6 /* of the diagonal: measured maxima below say nothing about tightness */
-enum { NODE_SAMPLES_MIN = 100, SAMPLES_MIN = 1000000, SAMPLES_MAX = 16000000, SAMPLES_A_NODE = 50 };
+enum {
+    NODE_SAMPLES_MIN = 100,
+    SAMPLES_MIN = 1000000,
+    SAMPLES_MAX = 16000000,
+    SAMPLES_A_NODE = 120
+};
 
 /* What was measured at an active node. */
 typedef struct found {
