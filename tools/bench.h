@@ -1,7 +1,15 @@
-/* What `metanode bench NAME` runs. argv[0] is the name; each reports on standard output. */
+/* The measurements that the documents quote: one file each. Main thread only. */
 #ifndef METANODE_BENCH_H
 #define METANODE_BENCH_H
 
+#include <stddef.h>
+
 int bench_error(int argc, char **argv);
+int bench_simplify(int argc, char **argv);
+
+/* Binds this process, and what it starts, to the processor it is on: timings then compare. */
+void bench_one_core(void);
+double bench_now_s(void);
+double bench_median(double *values, size_t count); /* sorts them */
 
 #endif

@@ -1,24 +1,51 @@
-/* metanode bench: the measurements that the documents quote, by name. */
-#include <stdio.h>
-#include <string.h>
-
+/* metanode bench: the table of measurements, and what they share. */
+#define _GNU_SOURCE
 #include "bench.h"
+
+#include <sched.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
 #include "cli.h"
 
-/* A bench adds itself here, to bench.h and to meson.build. */
-static const struct {
-    const char *name;
-    int (*run)(int argc, char **argv);
-    const char *does;
-} benches[] = {
+/* In the order of --help. A measurement adds itself here and to meson.build. */
+static const cli_command benches[] = {
     {"error", bench_error, "how honest and tight the switch values of a model's tree are"},
+    {"simplify", bench_simplify, "collapses a second and quality, against OpenMesh"},
+    {NULL, NULL, NULL},
 };
-enum { BENCHES = sizeof benches / sizeof benches[0] };
+
+void bench_one_core(void) {
+    cpu_set_t here;
+    int cpu = sched_getcpu();
+    CPU_ZERO(&here);
+    CPU_SET((size_t)(cpu < 0 ? 0 : cpu), &here);
+    if (sched_setaffinity(0, sizeof here, &here) != 0)
+        fputs("metanode: bench: cannot bind to one core; timings vary more\n", stderr);
+}
+
+double bench_now_s(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static int by_value(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+double bench_median(double *values, size_t count) {
+    qsort(values, count, sizeof values[0], by_value);
+    return count % 2 == 1 ? values[count / 2] : (values[count / 2 - 1] + values[count / 2]) / 2;
+}
 
 static void usage(FILE *out) {
     fputs("usage: metanode bench NAME [OPTION …]     metanode bench NAME --help\n\n", out);
-    for (int i = 0; i < BENCHES; i++)
-        fprintf(out, "  %-10s %s\n", benches[i].name, benches[i].does);
+    for (const cli_command *b = benches; b->name != NULL; b++)
+        fprintf(out, "  %-10s %s\n", b->name, b->does);
 }
 
 int cmd_bench(int argc, char **argv) {
@@ -30,8 +57,8 @@ int cmd_bench(int argc, char **argv) {
         usage(stdout);
         return MN_OK;
     }
-    for (int i = 0; i < BENCHES; i++)
-        if (strcmp(argv[1], benches[i].name) == 0)
-            return benches[i].run(argc - 1, argv + 1);
+    for (const cli_command *b = benches; b->name != NULL; b++)
+        if (strcmp(argv[1], b->name) == 0)
+            return b->run(argc - 1, argv + 1);
     return cli_error(MN_USAGE, "no bench '%s'; metanode bench --help lists them", argv[1]);
 }

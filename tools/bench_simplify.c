@@ -1,0 +1,272 @@
+/* metanode bench simplify: our simplification against OpenMesh's quadric decimater.
+ *
+ * Speed: from full detail to 1 % of the triangles, reading excluded, on one core, each system in a
+ * run of its own, alternating; the figure is the median of the pairs' ratios of collapses a second.
+ * Quality: at 50, 10 and 1 % of the triangles, the mean of the mean distances both ways to the
+ * input, for the prefix of our collapses and for OpenMesh's mesh with as many triangles. */
+#include "bench.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli.h"
+#include "json.h"
+#include "metanode/build.h"
+
+enum { RUNS_MAX = 99, LEVELS = 3 };
+
+static const double percents[LEVELS] = {50, 10, 1};
+static const double speed_percent = 1;
+
+static const char help[] =
+    "usage: metanode bench simplify [IN …] [--globe N] [--runs 5] [--samples 1M] [--json]\n\n"
+    "  --globe N      also a globe whose poles have N neighbours\n"
+    "  --runs N       pairs of runs, ours and OpenMesh's in turn; 0: no timing\n"
+    "  --samples N    points a side for the distances; 0: no distances\n"
+    "  --metric M     of ours: qem (default) or length\n"
+    "  --json         figures as one object\n";
+
+typedef struct options {
+    uint64_t runs, samples, globe;
+    mn_metric metric;
+    bool json;
+} options;
+
+typedef struct quality {
+    uint32_t triangles, openmesh_triangles;
+    double distance, openmesh_distance;
+} quality;
+
+typedef struct figures {
+    const char *name;
+    uint32_t vertices, triangles;
+    double rate, openmesh_rate; /* collapses a second, medians */
+    double ratio;               /* median of the pairs' ratios */
+    double ratios[RUNS_MAX];
+    quality level[LEVELS];
+} figures;
+
+/* ---- speed ---- */
+
+static uint32_t share(const mn_mesh *mesh, double percent) {
+    return (uint32_t)(mesh->triangles * percent / 100);
+}
+
+static mn_code our_rate(const mn_mesh *mesh, const options *o, double *rate, mn_status *st) {
+    mn_tree tree;
+    mn_simplify_desc desc = {.metric = o->metric, .stop_triangles = share(mesh, speed_percent)};
+    mn_code code = mn_simplify(mesh, &desc, &tree, st);
+    if (code != MN_OK)
+        return code;
+    uint64_t collapses = 0;
+    for (int i = 0; i < 4; i++)
+        collapses += tree.counts.collapses_by_stage[i];
+    *rate = (double)collapses / tree.counts.seconds_simplify;
+    mn_tree_free(&tree);
+    return MN_OK;
+}
+
+static mn_code openmesh_rate(const mn_mesh *mesh, double *rate, mn_status *st) {
+    mn_mesh out;
+    mn_decimation d;
+    mn_code code = mn_openmesh_decimate(mesh, share(mesh, speed_percent), NULL, &out, &d, st);
+    if (code != MN_OK)
+        return code;
+    *rate = (double)d.collapses / d.seconds;
+    mn_mesh_free(&out);
+    return MN_OK;
+}
+
+static mn_code measure_speed(const mn_mesh *mesh, const options *o, figures *f, mn_status *st) {
+    double ours[RUNS_MAX], theirs[RUNS_MAX], ratios[RUNS_MAX];
+    for (uint64_t i = 0; i < o->runs; i++) {
+        mn_code code = our_rate(mesh, o, &ours[i], st);
+        if (code == MN_OK)
+            code = openmesh_rate(mesh, &theirs[i], st);
+        if (code != MN_OK)
+            return code;
+        f->ratios[i] = ratios[i] = ours[i] / theirs[i];
+    }
+    if (o->runs > 0) {
+        f->rate = bench_median(ours, o->runs);
+        f->openmesh_rate = bench_median(theirs, o->runs);
+        f->ratio = bench_median(ratios, o->runs);
+    }
+    return MN_OK;
+}
+
+/* ---- the globe ---- */
+
+/* A unit sphere of n meridians and n / 2 parallels, each pole one vertex with n neighbours, with
+ * relief enough that no two candidates cost the same. */
+static mn_code make_globe(uint32_t n, mn_mesh *out, mn_status *st) {
+    uint32_t rows = n / 2, v = 2, c = 0;
+    *out = (mn_mesh){.vertices = rows * n + 2, .triangles = 2 * rows * n};
+    out->position = malloc((size_t)out->vertices * 3 * sizeof(float));
+    out->corner = malloc((size_t)out->triangles * 3 * sizeof(uint32_t));
+    if (out->position == NULL || out->corner == NULL) {
+        mn_mesh_free(out);
+        return mn_fail(st, MN_FAILED, "no memory for a globe with poles of %u neighbours", n);
+    }
+    memcpy(out->position, (const float[6]){0, 0, 1, 0, 0, -1}, 6 * sizeof(float));
+    for (uint32_t row = 0; row < rows; row++)
+        for (uint32_t i = 0; i < n; i++, v++) {
+            double polar = M_PI * (row + 1) / (rows + 1), around = 2 * M_PI * i / n;
+            double x = sin(polar) * cos(around), y = sin(polar) * sin(around), z = cos(polar);
+            double r = 1 + 0.01 * sin(17 * x + 3) * sin(23 * y + 1) * sin(19 * z + 2);
+            float *p = &out->position[3 * (size_t)v];
+            p[0] = (float)(r * x), p[1] = (float)(r * y), p[2] = (float)(r * z);
+        }
+    for (uint32_t row = 0; row + 1 < rows; row++)
+        for (uint32_t i = 0; i < n; i++) {
+            uint32_t a = 2 + row * n + i, b = 2 + row * n + (i + 1) % n;
+            const uint32_t two[6] = {a, a + n, b, b, a + n, b + n};
+            memcpy(&out->corner[c], two, sizeof two);
+            c += 6;
+        }
+    for (uint32_t i = 0, last = 2 + (rows - 1) * n; i < n; i++) {
+        const uint32_t caps[6] = {0, 2 + i, 2 + (i + 1) % n, 1, last + (i + 1) % n, last + i};
+        memcpy(&out->corner[c], caps, sizeof caps);
+        c += 6;
+    }
+    return MN_OK;
+}
+
+/* ---- report ---- */
+
+static void print_table(const figures *f, const options *o) {
+    printf("%s: %u vertices, %u triangles\n", f->name, f->vertices, f->triangles);
+    if (o->runs > 0)
+        printf(
+            "  to 1 %%        %10.0f collapses/s   OpenMesh %10.0f   ratio %.2f (median of %llu)\n",
+            f->rate, f->openmesh_rate, f->ratio, (unsigned long long)o->runs);
+    for (int i = 0; i < LEVELS && o->samples > 0; i++) {
+        const quality *q = &f->level[i];
+        printf("  at %4.0f %%     %10u triangles     OpenMesh %10u\n"
+               "                %10.3g distance      OpenMesh %10.3g   ratio %.3f\n",
+               percents[i], q->triangles, q->openmesh_triangles, q->distance, q->openmesh_distance,
+               q->distance / q->openmesh_distance);
+    }
+    fflush(stdout);
+}
+
+static void print_json(json *j, const figures *f, const options *o) {
+    json_open(j, NULL, '{');
+    json_str(j, "input", f->name);
+    json_u64(j, "vertices", f->vertices);
+    json_u64(j, "triangles", f->triangles);
+    if (o->runs > 0) {
+        json_f64(j, "collapses_per_second", f->rate);
+        json_f64(j, "openmesh_collapses_per_second", f->openmesh_rate);
+        json_f64(j, "ratio", f->ratio);
+        json_open(j, "ratios", '[');
+        for (uint64_t i = 0; i < o->runs; i++)
+            json_f64(j, NULL, f->ratios[i]);
+        json_close(j, ']');
+    }
+    json_open(j, "quality", '[');
+    for (int i = 0; i < LEVELS && o->samples > 0; i++) {
+        const quality *q = &f->level[i];
+        json_open(j, NULL, '{');
+        json_f64(j, "percent", percents[i]);
+        json_u64(j, "triangles", q->triangles);
+        json_u64(j, "openmesh_triangles", q->openmesh_triangles);
+        json_f64(j, "distance", q->distance);
+        json_f64(j, "openmesh_distance", q->openmesh_distance);
+        json_f64(j, "ratio", q->distance / q->openmesh_distance);
+        json_close(j, '}');
+    }
+    json_close(j, ']');
+    json_close(j, '}');
+}
+
+static mn_code measure(const char *path, const options *o, figures *f, mn_status *st) {
+    mn_mesh mesh;
+    mn_read_desc read = {0};
+    mn_code code = path != NULL ? mn_mesh_read(path, &read, &mesh, st)
+                                : make_globe((uint32_t)o->globe, &mesh, st);
+    if (code != MN_OK)
+        return code;
+    *f = (figures){.name = path != NULL ? path : "globe",
+                   .vertices = mesh.vertices,
+                   .triangles = mesh.triangles};
+    code = measure_speed(&mesh, o, f, st);
+    mn_mesh_free(&mesh);
+    return code;
+}
+
+/* paths end with NULL, which stands for the globe, if there is one. */
+static int report(char **paths, int count, const options *o) {
+    json j;
+    mn_status st = {0};
+    bench_one_core();
+    if (o->json) {
+        json_begin(&j, stdout);
+        json_str(&j, "metric", o->metric == MN_METRIC_QEM ? "qem" : "length");
+        json_u64(&j, "runs", o->runs);
+        json_u64(&j, "samples", o->samples);
+        json_open(&j, "inputs", '[');
+    }
+    for (int i = 0; i < count + (o->globe > 0) && st.code == MN_OK; i++) {
+        figures f;
+        if (measure(i < count ? paths[i] : NULL, o, &f, &st) != MN_OK)
+            break;
+        if (o->json)
+            print_json(&j, &f, o);
+        else
+            print_table(&f, o);
+    }
+    if (o->json) {
+        json_close(&j, ']');
+        json_end(&j);
+    }
+    return cli_status(&st);
+}
+
+int bench_simplify(int argc, char **argv) {
+    enum { GLOBE = 256, RUNS, SAMPLES, METRIC, JSON };
+    static const struct option long_options[] = {{"globe", required_argument, NULL, GLOBE},
+                                                 {"runs", required_argument, NULL, RUNS},
+                                                 {"samples", required_argument, NULL, SAMPLES},
+                                                 {"metric", required_argument, NULL, METRIC},
+                                                 {"json", no_argument, NULL, JSON},
+                                                 {"help", no_argument, NULL, 'h'},
+                                                 {0}};
+    static const char *const metrics[] = {"qem", "length", NULL};
+    options o = {.runs = 5, .samples = 0};
+    bool ok = true;
+    int option;
+    while ((option = cli_option(argc, argv, "h", long_options)) != -1 && ok) {
+        switch (option) {
+        case GLOBE:
+            ok = cli_u64(optarg, 8, 20000, &o.globe);
+            break;
+        case RUNS:
+            ok = cli_u64(optarg, 0, RUNS_MAX, &o.runs);
+            break;
+        case SAMPLES:
+            ok = strcmp(optarg, "0") == 0 || cli_size(optarg, &o.samples);
+            o.samples = strcmp(optarg, "0") == 0 ? 0 : o.samples;
+            break;
+        case METRIC:
+            ok = cli_choice(optarg, metrics) >= 0;
+            o.metric = ok ? (mn_metric)cli_choice(optarg, metrics) : o.metric;
+            break;
+        case JSON:
+            o.json = true;
+            break;
+        case 'h':
+            fputs(help, stdout);
+            return MN_OK;
+        default:
+            return MN_USAGE;
+        }
+    }
+    if (!ok)
+        return cli_error(MN_USAGE, "bench simplify: '%s' is out of range", optarg);
+    if (optind >= argc && o.globe == 0)
+        return cli_error(MN_USAGE, "bench simplify: which mesh? give a file or --globe N");
+    return report(argv + optind, argc - optind, &o);
+}
