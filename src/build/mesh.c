@@ -59,8 +59,7 @@ static format format_of(mni_source *source) {
     size_t left = (size_t)(source->end - source->at);
     if (left >= 4 && memcmp(source->at, "ply", 3) == 0 && is_space(source->at[3]))
         return PLY;
-    if (left >= 4 && memcmp(source->at, "OM", 2) == 0 && strchr("TQP", source->at[2]) != NULL &&
-        (unsigned char)source->at[3] < ' ')
+    if (left >= 4 && memcmp(source->at, "OM", 2) == 0 && memchr("TQP", source->at[2], 3) != NULL)
         return OPENMESH;
     if (left >= STL_HEAD_BYTES &&
         source->size == STL_HEAD_BYTES + STL_FACET_BYTES * stl_facets(source))
