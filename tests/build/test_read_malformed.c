@@ -250,6 +250,7 @@ enum { LONG = 1 << 20 };
 
 START_TEST(long_lines) {
     char *text = malloc(8 * LONG);
+    ck_assert_ptr_nonnull(text);
     size_t at = (size_t)sprintf(text, "#");
     memset(text + at, 'x', LONG);
     at += LONG;
