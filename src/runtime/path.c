@@ -97,7 +97,7 @@ static void flyover(const mn_path *path, double t, mn_camera *out) {
     int along = path->half[0] >= path->half[2] ? 0 : 2;
     double eye[3] = {path->center[0], path->center[1] + path->half[1] + 0.15 * path->radius,
                      path->center[2]};
-    eye[along] += (2 * t - 1) * 1.25 * path->half[along];
+    eye[along] += (1.75 * t - 1.25) * path->half[along]; /* the model stays ahead */
     double target[3] = {eye[0], eye[1] - 0.4 * path->radius, eye[2]};
     target[along] += path->radius;
     place(out, eye, target, (double[3]){0, 1, 0});

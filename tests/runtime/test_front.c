@@ -53,8 +53,57 @@ static uint32_t usage_of(void *context, mni_entry entry) {
     return ((rig *)context)->usage[entry];
 }
 
+/* Invariant 1 from the tree alone: exactly the simplices whose leaves lie in different active nodes
+ * are active. */
+static void check_image(rig *r) {
+    const mn_tree *tree = &r->m.tree;
+    uint32_t triangles = 0, simplices = 0;
+    for (uint32_t s = 0; s < tree->simplices; s++) {
+        const uint32_t *leaf = &tree->corner[3 * s];
+        uint32_t a = mni_front_find(&r->front, leaf[0]), b = mni_front_find(&r->front, leaf[1]);
+        bool hinge = leaf[2] == MN_NONE;
+        uint32_t c = hinge ? MN_NONE : mni_front_find(&r->front, leaf[2]);
+        bool alive = a != b && b != c && c != a;
+        simplices += alive;
+        triangles += alive && !hinge;
+    }
+    ck_assert_uint_eq(simplices, r->front.simplices_used);
+    ck_assert_uint_eq(triangles, r->front.triangles);
+}
+
+static int compare_u64(const void *a, const void *b) {
+    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* While all order ids are legal, each edge of a closed manifold has one triangle each way. */
+static bool check_edges(const rig *r) {
+    const mni_front *f = &r->front;
+    static uint64_t edge[3 * 4000];
+    size_t count = 0;
+    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++)
+        if (mni_front_is_active(f, slot) && f->node[slot].order > r->m.header.legal_last)
+            return false;
+    for (uint32_t s = 0; s < f->simplices_high; s++) {
+        const uint32_t *node = &f->simplex_node[3 * s];
+        if (node[0] == MN_NONE || node[2] == MN_NONE)
+            continue;
+        ck_assert(count + 3 <= sizeof edge / sizeof edge[0]);
+        for (int k = 0; k < 3; k++)
+            edge[count++] = (uint64_t)node[k] << 32 | node[(k + 1) % 3];
+    }
+    qsort(edge, count, sizeof *edge, compare_u64);
+    for (size_t i = 0; i < count; i++) {
+        uint64_t back = edge[i] << 32 | edge[i] >> 32;
+        ck_assert(i == 0 || edge[i] != edge[i - 1]);
+        ck_assert_ptr_nonnull(bsearch(&back, edge, count, sizeof *edge, compare_u64));
+    }
+    return true;
+}
+
 static void check(rig *r) {
     mni_front_check(&r->front);
+    check_image(r);
     if (r->m.closed)
         ck_assert_uint_eq(mni_front_imbalance(&r->front), 0);
     memset(r->usage, 0,
@@ -175,6 +224,7 @@ END_TEST
  */
 START_TEST(random_moves) {
     rig r;
+    uint32_t legal = 0;
     rig_open(&r, (model_shape)_i, 300, &levels_5);
     for (int phase = 0; phase < 8; phase++) {
         bool finer = phase % 2 == 0;
@@ -187,8 +237,10 @@ START_TEST(random_moves) {
                 ck_assert_int_eq(mni_front_collapse(&r.front, slot / 2), MNI_DONE);
             }
             check(&r);
+            legal += r.m.closed && check_edges(&r);
         }
     }
+    ck_assert(legal > 10 || !r.m.closed);
     refine_fully(&r);
     check_full_detail(&r);
     coarsen_fully(&r);

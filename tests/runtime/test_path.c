@@ -84,7 +84,7 @@ START_TEST(flyover) {
     ck_assert_double_eq_tol(c.eye[1], 1 + 0.15 * radius, 1e-5);
     ck_assert_double_eq_tol(c.target[0] - c.eye[0], radius, 1e-5);
     mn_path_camera(path, 10, 11, &c);
-    ck_assert_double_eq_tol(c.eye[0], 1 + 5, 1e-5);
+    ck_assert_double_eq_tol(c.eye[0], 1 + 2, 1e-5);
     ck_assert_double_eq_tol(c.eye[2], 4, 1e-6);
     mn_path_close(path);
 }
