@@ -135,6 +135,8 @@ uint32_t mn_session_settle(mn_session *session, const mn_camera *camera, uint32_
 void mn_session_drain(mn_session *session);
 /* INFINITY: to the roots; below 0: to full detail. */
 void mn_session_set_tolerance(mn_session *session, float tolerance_px);
+/* From the next frame on the picture has that size, above 0 each way: a window was resized. */
+void mn_session_set_size(mn_session *session, uint32_t width_px, uint32_t height_px);
 bool mn_session_at_roots(const mn_session *session);
 void mn_session_stats_get(const mn_session *session, mn_session_stats *out);
 /* All invariants of design.md §6 that a front and a pool can show, by full recount. Asserts. */

@@ -30,13 +30,13 @@ typedef struct mni_navigator {
     /* const after open */
     uint64_t ops_max; /* a frame; 0: no limit */
     bool degrades;
-    uint32_t width_px, height_px;
     double size; /* of the model: its radius */
     mni_agenda_item *agenda;
     uint32_t *stack, *chain; /* MNI_STACK_MAX; chain_max */
     uint32_t agenda_max, chain_max;
 
     /* the frame */
+    uint32_t width_px, height_px; /* by the session: at open, and when a window is resized */
     mni_lens lens;
     mn_camera camera;
     double tolerance_px; /* as asked for; the lens has what is used */
@@ -55,7 +55,7 @@ typedef struct mni_navigator {
 /* The front and what else a frame needs, from the arena; for the plan. */
 size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
                                 uint32_t simplices_max);
-/* The caller has set the constants up to `size`. */
+/* The caller has set the constants up to `size`, and the size of the picture. */
 mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header *header,
                            uint32_t nodes_max, uint32_t simplices_max, mni_arena *arena,
                            mn_status *st);

@@ -255,6 +255,13 @@ void mn_session_set_tolerance(mn_session *s, float tolerance_px) {
     s->tolerance_px = tolerance_px;
 }
 
+void mn_session_set_size(mn_session *s, uint32_t width_px, uint32_t height_px) {
+    MN_ASSERT(width_px > 0 && height_px > 0);
+    s->nav.width_px = width_px;
+    s->nav.height_px = height_px;
+    s->nav.camera = (mn_camera){0}; /* the next frame's is another one: this counts as a move */
+}
+
 bool mn_session_at_roots(const mn_session *s) {
     return s->nav.front.active == s->header.roots;
 }
