@@ -102,6 +102,7 @@ static void collapse_pass(mni_navigator *nav) {
             continue;
         }
         mni_outcome outcome = mni_front_collapse(front, pair);
+        mni_store_attempt_over(front->store);
         check_small(nav);
         nav->work.collapses += outcome == MNI_DONE;
         nav->work.misses += outcome == MNI_MISS;
@@ -165,6 +166,7 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
     }
     if (outcome != MNI_DONE)
         chain_undo(nav, *count);
+    mni_store_attempt_over(front->store);
     return outcome;
 }
 

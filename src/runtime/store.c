@@ -171,6 +171,10 @@ void mni_store_sub(mni_store *store, mni_entry entry) {
         store->kind->attempt_over(store->blocks);
 }
 
+void mni_store_attempt_over(mni_store *store) {
+    store->kind->attempt_over(store->blocks);
+}
+
 const void *mni_store_bytes(mni_store *store, mni_entry entry, bool *fresh) {
     mni_ancestor *ancestor = &store->table.entry[entry];
     MN_ASSERT(entry < store->table.max && ancestor->usage > 0);

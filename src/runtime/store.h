@@ -84,6 +84,9 @@ mni_answer mni_store_up(mni_store *store, mni_entry entry);
  * to the tail of the free list when nothing references it. */
 void mni_store_add(mni_store *store, mni_entry entry);
 void mni_store_sub(mni_store *store, mni_entry entry);
+/* What was asked for up to here was one attempt (a chain of splits, a collapse), and it is over: what
+ * is asked for next has nothing to do with it. */
+void mni_store_attempt_over(mni_store *store);
 /* Bytes of a block in use; *fresh says that they have been mapped or loaded since the last call for
  * this entry, so that views onto them must be reopened. */
 const void *mni_store_bytes(mni_store *store, mni_entry entry, bool *fresh);
