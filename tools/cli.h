@@ -50,6 +50,11 @@ typedef struct cli_meter {
 } cli_meter;
 bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t total);
 void cli_progress_end(void *context);
+/* From now on the first SIGINT or SIGTERM makes cli_progress ask for an end, so that work stops in
+ * order and temporary files go; a second one kills. */
+void cli_interrupts_catch(void);
+
+uint64_t cli_file_bytes(const char *path); /* 0: cannot be asked */
 
 /* Peak resident set of this process, bytes. */
 uint64_t cli_rss_peak_bytes(void);

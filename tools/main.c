@@ -6,6 +6,9 @@
 
 /* In the order of --help. A subcommand adds itself here and to meson.build. */
 static const cli_command commands[] = {
+    {"build", cmd_build, "a mesh file into a .mnt: simplify and block"},
+    {"simplify", cmd_simplify, "a mesh file into a .vdt: the tree of collapses"},
+    {"block", cmd_block, "a .vdt into a .mnt: blocks"},
     {"make", cmd_make, "models of any size: sphere, terrain, isosurface; subdivide"},
     {"compare", cmd_compare, "distance between two meshes"},
     {"replay", cmd_replay, "navigates along a path without a window, with figures"},

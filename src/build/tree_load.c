@@ -471,7 +471,3 @@ mn_code mni_mnt_load(const char *path, mn_tree *out, mn_header *header, mn_statu
         mn_tree_free(out);
     return code;
 }
-
-mn_code mn_tree_load(const char *path, mn_tree *out, mn_status *st) {
-    return mni_mnt_load(path, out, NULL, st);
-}

@@ -1,0 +1,28 @@
+/* metanode build: a mesh file into a .mnt. Thin over mn_mesh_read, mn_simplify, mn_block_write. */
+#include "build_steps.h"
+
+static const char help[] =
+    "usage: metanode build IN -o OUT.mnt [OPTION …]\n\n"
+    "Simplifies a mesh (PLY, STL, OBJ, OFF, or .om) down to one vertex and writes the tree of its\n"
+    "collapses in blocks, ready for replay, shoot and view.\n\n"
+    "  -o FILE               the .mnt; what stood there stays until the new one is whole\n"
+    "  --ram SIZE            cap for the whole process; default: half of the memory\n"
+    "  --metric qem|length   what a collapse costs: quadric error (default) or edge length\n"
+    "  --blocking packed|levels   blocks of fixed bytes, filled (default), or of L levels\n"
+    "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 16K\n"
+    "  -L N                  levels: 1 … 16, default 5\n"
+    "  --weld on|off         vertices at equal positions become one (default), or not\n"
+    "  --reader own|openmesh\n"
+    "  -j N                  threads; simplification uses one so far\n"
+    "  --json                figures as one JSON object\n";
+
+int cmd_build(int argc, char **argv) {
+    build_steps b;
+    bool done;
+    mn_code code = build_options(&b, argc, argv, BUILD_SIMPLIFIES | BUILD_BLOCKS, help, &done);
+    if (code != MN_OK || done)
+        return (int)code;
+    if (build_simplify(&b) == MN_OK)
+        build_block(&b);
+    return build_report(&b);
+}
