@@ -108,15 +108,18 @@ static void offer_next(mni_simplifier *s, uint32_t r) {
 }
 
 /* k has come into r's ring, or become cheaper to reach. */
-static void lower_floor(mni_simplifier *s, uint32_t r, uint32_t k) {
+static bool lower_floor(mni_simplifier *s, uint32_t r, uint32_t k) {
     mni_heap_key key = {cost_of(s, r, k), k};
-    if (mni_heap_key_less(key, r, s->floor[r], r))
-        s->floor[r] = key;
+    if (!mni_heap_key_less(key, r, s->floor[r], r))
+        return false;
+    s->floor[r] = key;
+    return true;
 }
 
 /* r's ring has changed and k is in it: whatever was tried may be tried again. */
 static void touch(mni_simplifier *s, uint32_t r, uint32_t k) {
-    lower_floor(s, r, k);
+    if (!lower_floor(s, r, k) && s->stale[r])
+        return; /* the heap has it at its floor already */
     s->stale[r] = true;
     mni_heap_set(&s->heap, r, s->floor[r]);
 }
@@ -266,7 +269,7 @@ static uint64_t need_bytes(uint64_t vertices, uint64_t triangles) {
     uint64_t a_vertex = sizeof(mni_fan) + 8 /* seen */ + 16 + 4 /* heap */ + sizeof(mni_quadric) +
                         sizeof(uint32_t) + sizeof(mni_heap_key) + 1 + 12 /* collapses */ +
                         12 /* witness book */ + sizeof(mni_witnesses) / 2;
-    uint64_t a_triangle = sizeof(mni_simplex) + 12 + 18 + 18 + 12 + 4;
+    uint64_t a_triangle = sizeof(mni_simplex) + 12 + 24 + 24 + 12 + 4;
     uint64_t tree = vertices * (12 + 4 + 4 * 5 + 8 + 6 + 4 + 4 + 12) + triangles * 12;
     return vertices * a_vertex + triangles * a_triangle + tree + (1u << 20);
 }

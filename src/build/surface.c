@@ -6,6 +6,8 @@
 
 #include "assert.h"
 
+enum { FAN_SLACK = 4 }; /* free places behind each list at the start: what a collapse adds to six */
+
 static mn_code no_memory(mn_status *st) {
     return mn_fail(st, MN_FAILED,
                    "out of memory while simplifying; close something or lower --ram "
@@ -19,6 +21,7 @@ static void fill_fans(mni_surface *s) {
     uint32_t at = 0;
     for (uint32_t v = 0; v < s->vertices; v++) {
         s->fan[v].first = at;
+        s->fan[v].room += FAN_SLACK;
         at += s->fan[v].room;
     }
     for (uint32_t t = 0; t < s->triangles; t++)
@@ -37,7 +40,8 @@ mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
                        .alive_triangles = mesh->triangles};
     /* Hinges are rare (one in 10^5 triangles of a scan); loose triangles make one each. */
     s->simplices_room = mesh->triangles + mesh->triangles / 64 + 16;
-    s->pool_room = (size_t)mesh->triangles * 3 + (size_t)mesh->triangles * 3 / 2 + 64;
+    s->pool_room = (size_t)mesh->triangles * 3 + (size_t)mesh->vertices * FAN_SLACK +
+                   (size_t)mesh->triangles + 64;
     if (s->pool_room > UINT32_MAX)
         return mn_fail(st, MN_CAP_TOO_SMALL, "%u triangles are too many to simplify in memory",
                        mesh->triangles);
@@ -209,9 +213,13 @@ bool mni_surface_collapse(mni_surface *s, uint32_t r, uint32_t k, uint32_t colla
         s->dead = dead_list;
         s->dead_room = 2 * count;
     }
-    if (!reserve(s, k, count))
-        return false;
     const uint32_t *list = &s->pool[s->fan[r].first];
+    uint32_t moving = 0;
+    for (uint32_t i = 0; i < count; i++)
+        moving += !holds(&s->simplex[list[i]], k);
+    if (!reserve(s, k, moving))
+        return false;
+    list = &s->pool[s->fan[r].first];
     mni_fan *to = &s->fan[k];
     uint32_t dead = 0;
     for (uint32_t i = 0; i < count; i++) {
