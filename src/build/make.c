@@ -7,6 +7,7 @@
 static mn_code (*const shapes[])(const mn_make_desc *, mni_make_ply *, mn_status *) = {
     [MN_SHAPE_SPHERE] = mni_make_sphere,
     [MN_SHAPE_TERRAIN] = mni_make_terrain,
+    [MN_SHAPE_ISOSURFACE] = mni_make_isosurface,
 };
 
 /* Vertices are numbered with 32 bits and a reader takes 2^31 of them; closed surfaces have half as

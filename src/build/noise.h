@@ -25,7 +25,8 @@ static inline int64_t mni_noise_floor(double x) {
     return i - (x < (double)i);
 }
 
-/* Smooth, mean 0, within [-1, 1], features about 1 apart; root mean square about 0.3. */
+/* Smooth, mean 0, features about 1 apart; root mean square about 0.25 in the plane and 0.2 in
+ * space, rarely beyond three times that. */
 double mni_noise2(uint64_t seed, double x, double y, double gradient[2]);
 double mni_noise3(uint64_t seed, double x, double y, double z);
 

@@ -205,9 +205,29 @@ START_TEST(terrain_is_a_sheet_that_faces_up) {
 }
 END_TEST
 
+/* Closed, manifold and oriented at every size, whatever the noise does; genus far above 0. */
+START_TEST(isosurface_is_closed) {
+    static const uint64_t asked[] = {1, 3000, 12000, 60000};
+    uint64_t edges;
+    make(MN_SHAPE_ISOSURFACE, asked[_i], 11);
+    model m = load();
+    if (asked[_i] >= 10000)
+        ck_assert(fabs((double)m.triangles / (double)asked[_i] - 1) < 0.05);
+    else
+        ck_assert(m.triangles < 5000);
+    ck_assert_uint_eq(check_edges(&m, &edges), 0);
+    int64_t euler = (int64_t)(m.vertices + m.triangles) - (int64_t)edges;
+    ck_assert(euler % 2 == 0 && euler < -12);
+    check_fans(&m);
+    check_positions(&m);
+    ck_assert(volume(&m) > 1 && volume(&m) < 4.2);
+    drop(&m);
+}
+END_TEST
+
 /* The bytes themselves: a compiler or machine that rounds otherwise shows here. */
 START_TEST(same_options_same_bytes) {
-    static const uint64_t golden[] = {0xbf20b5ff2145ca00, 0xf3ec345441f38c41};
+    static const uint64_t golden[] = {0xbf20b5ff2145ca00, 0xf3ec345441f38c41, 0xe567685c5eb0a6dc};
     mn_shape shape = (mn_shape)_i;
     make(shape, 5000, 1);
     model a = load();
@@ -330,9 +350,10 @@ int main(void) {
     tcase_add_test(tc, noise_slopes_are_slopes);
     tcase_add_loop_test(tc, sphere_is_a_closed_sphere, 0, 6);
     tcase_add_loop_test(tc, terrain_is_a_sheet_that_faces_up, 0, 6);
-    tcase_add_loop_test(tc, same_options_same_bytes, 0, 2);
+    tcase_add_loop_test(tc, isosurface_is_closed, 0, 4);
+    tcase_add_loop_test(tc, same_options_same_bytes, 0, 3);
     tcase_add_test(tc, terrain_is_rough_at_every_scale);
-    tcase_add_loop_test(tc, failures_leave_nothing_behind, 0, 2);
+    tcase_add_loop_test(tc, failures_leave_nothing_behind, 0, 3);
     suite_add_tcase(suite, tc);
     SRunner *runner = srunner_create(suite);
     srunner_run_all(runner, CK_NORMAL);
