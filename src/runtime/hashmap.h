@@ -11,7 +11,7 @@
 
 #include "mem.h"
 
-enum { MNI_HASHMAP_NONE = UINT32_MAX };
+#define MNI_HASHMAP_NONE UINT32_MAX
 
 typedef struct mni_hashmap {
     uint32_t *key, *value; /* key 0: empty */

@@ -166,7 +166,8 @@ void mni_store_sub(mni_store *store, mni_entry entry) {
     MN_ASSERT(entry < store->table.max);
     uint32_t block_id = store->table.entry[entry].ref.id;
     if (mni_ancestors_lower(&store->table, entry))
-        store->kind->leave(store->blocks, block_id);
+        store->kind->leave(store->blocks, block_id,
+                           mni_ancestors_find(&store->table, block_id) == MNI_NO_ENTRY);
     else
         store->kind->attempt_over(store->blocks);
 }

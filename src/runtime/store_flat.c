@@ -267,8 +267,8 @@ static mni_answer flat_enter(void *self, const mni_wish *wish, const void **byte
     return MNI_GRANTED;
 }
 
-static void flat_leave(void *self, uint32_t block_id) {
-    (void)self, (void)block_id;
+static void flat_leave(void *self, uint32_t block_id, bool gone) {
+    (void)self, (void)block_id, (void)gone;
 }
 
 static void flat_attempt_over(void *self) {

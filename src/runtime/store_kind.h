@@ -30,8 +30,8 @@ typedef struct mni_store_kind {
     void (*close)(void *self);
     /* Brings a block whose usage is 0 into use. *bytes stay until leave. */
     mni_answer (*enter)(void *self, const mni_wish *wish, const void **bytes);
-    /* The usage has become 0. */
-    void (*leave)(void *self, uint32_t block_id);
+    /* The usage has become 0; gone: the entry in the ancestor table as well. */
+    void (*leave)(void *self, uint32_t block_id, bool gone);
     mni_answer (*overflow)(void *self, const mni_wish *wish, const void **bytes);
     /* A node has left a block that stays in use: whatever was tried is over. */
     void (*attempt_over)(void *self);

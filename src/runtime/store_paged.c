@@ -1,19 +1,287 @@
-/* Store `paged`: opening it is refused until the pool is there. */
-#include "store_kind.h"
+/* Store `paged`: the pool, the board, the disk and the I/O loop, put together.
+ *
+ * Secret: whether I/O is a thread or steps on virtual time. With a disk of its own time (the
+ * simulated one) there is no thread: the steps run inside frame_end and drain, in the caller's, so
+ * that a seed replays a run exactly.
+ *
+ * Navigate only; the thread that it may start is its own. Only open, drain and, with io_serial,
+ * frame_end wait for a disk. Memory: the arena's, by K. (Paper §3.3.2 to 3.3.4) */
+#include <stdio.h>
+
+#include "assert.h"
+#include "frame.h"
+#include "ioloop.h"
+
+enum {
+    ANCESTORS_TIMES = 4,         /* entries = 4 × (K + depth of the block tree): design.md §3.5 */
+    PREFETCHES_MIN = 256,        /* places on the board for prefetches: more than K at once … */
+    PREFETCHES_MAX = 4096,       /* … find no place holder */
+    ROOT_FRAMES_MAX = 256,       /* frames in which a root block that fails is tried: 8 times */
+    WARNINGS_MAX = 8,            /* lines on bad blocks; after that they are only counted */
+    NS_PER_FRAME_FREE = 1000000, /* virtual time of a frame when frames take none */
+};
+
+typedef struct paged {
+    /* const after open */
+    mni_store_desc desc;
+    /* Navigate only */
+    uint64_t clock_ns; /* virtual */
+    uint64_t frames;
+    uint32_t warnings;
+    /* each with its own rules */
+    mni_disk disk;
+    mni_board board;
+    mni_pool pool;
+    mni_ioloop loop;
+} paged;
+
+static uint32_t prefetches_max(uint32_t k) {
+    return k < PREFETCHES_MIN ? PREFETCHES_MIN : k > PREFETCHES_MAX ? PREFETCHES_MAX : k;
+}
 
 static size_t need_bytes(const mn_header *header, uint32_t k) {
-    return (size_t)k * header->block_bytes_max;
+    return mni_arena_need(1, sizeof(paged), _Alignof(paged)) + mni_pool_need(header, k) +
+           mni_board_need(k, prefetches_max(k)) + mni_disk_need();
 }
 
 static uint32_t entries_max(const mn_header *header, uint32_t k) {
-    return 4 * (k + header->block_depth);
+    uint64_t max = ANCESTORS_TIMES * ((uint64_t)k + header->block_depth);
+    return max < header->blocks ? (uint32_t)max : header->blocks;
 }
 
-static mn_code refuse(const mni_store_desc *desc, mni_arena *arena, void **out, mn_status *st) {
-    (void)arena, (void)out;
-    return mn_fail(st, MN_FAILED,
-                   "%s: this build has no paged store; use --store mapped or resident", desc->path);
+/* ---- warnings ----------------------------------------------------------------------------------
+ */
+
+static void report(paged *p, const mni_report *report) {
+    char text[400];
+    if (p->desc.warn == NULL || p->warnings > WARNINGS_MAX)
+        return;
+    if (p->warnings++ < WARNINGS_MAX)
+        snprintf(text, sizeof text,
+                 "%s: block %u: %s; shown with less detail there, and tried again", p->desc.path,
+                 report->block_id, report->why);
+    else
+        snprintf(text, sizeof text, "%s: further bad blocks are counted and not named",
+                 p->desc.path);
+    p->desc.warn(p->desc.warn_context, text);
+}
+
+/* ---- frames ------------------------------------------------------------------------------------
+ */
+
+/* Runs the steps of virtual time up to until_ns; UINT64_MAX: until all is quiet. */
+static void run_until(paged *p, uint64_t until_ns) {
+    const mni_method *method = p->disk.method;
+    do
+        (void)mni_ioloop_step(&p->loop, false);
+    while (mni_board_open_commands(&p->board) > 0 && method->advance(p->disk.self, until_ns));
+    if (until_ns != UINT64_MAX)
+        (void)method->advance(p->disk.self, until_ns);
+}
+
+static void drain(void *self) {
+    paged *p = self;
+    if (!p->disk.method->own_time)
+        mni_board_wait_quiet(&p->board);
+    while (p->disk.method->own_time && mni_board_open_commands(&p->board) > 0)
+        run_until(p, UINT64_MAX);
+}
+
+static void frame_begin(void *self) {
+    paged *p = self;
+    mni_report reports[MNI_REPORTS_MAX];
+    uint32_t count = mni_pool_begin_frame(&p->pool, reports);
+    for (uint32_t i = 0; i < count; i++)
+        report(p, &reports[i]);
+}
+
+static void frame_end(void *self, double frame_s) {
+    paged *p = self;
+    mni_pool_end_frame(&p->pool);
+    p->frames++;
+    if (p->disk.method->own_time) {
+        if (p->desc.sim.fault_frames > 0)
+            p->disk.method->faults(p->disk.self, p->frames < p->desc.sim.fault_frames);
+        p->clock_ns += frame_s > 0 ? (uint64_t)(frame_s * 1e9) : NS_PER_FRAME_FREE;
+        run_until(p, p->clock_ns);
+    }
+    if (p->desc.io_serial)
+        drain(p);
+}
+
+/* ---- open and close
+ * ------------------------------------------------------------------------------ */
+
+static bool roots_are_there(paged *p) {
+    const mn_header *header = p->desc.header;
+    bool all = true;
+    for (uint32_t r = 0; r < header->roots; r++)
+        all = all && mni_pool_has(&p->pool, header->root[r].block.id);
+    return all;
+}
+
+/* The one wait: root blocks come, or are tried again as any other would be. Their grants keep them
+ * until Navigate takes them. */
+static mn_code load_roots(paged *p, mn_status *st) {
+    const mn_header *header = p->desc.header;
+    mni_report reports[MNI_REPORTS_MAX], last = {0};
+    for (uint32_t frame = 0; frame < ROOT_FRAMES_MAX; frame++) {
+        uint32_t count = mni_pool_begin_frame(&p->pool, reports);
+        last = count > 0 ? reports[count - 1] : last;
+        if (roots_are_there(p))
+            return MN_OK;
+        for (uint32_t r = 0; r < header->roots; r++)
+            mni_pool_ask_root(&p->pool, header->root[r].block);
+        mni_pool_end_frame(&p->pool);
+        drain(p);
+    }
+    return mn_fail(st, MN_BAD_INPUT, "%s: root block %u: %s; copy or build the file again",
+                   p->desc.path, last.block_id, last.why != NULL ? last.why : "it does not come");
+}
+
+static void close_paged(void *self) {
+    paged *p = self;
+    mni_ioloop_stop(&p->loop);
+    MN_ASSERT(mni_board_open_commands(&p->board) == 0);
+    mni_disk_close(&p->disk);
+    mni_pool_close(&p->pool);
+    mni_board_close(&p->board);
+}
+
+static mn_code open_paged(const mni_store_desc *desc, mni_arena *arena, void **out, mn_status *st) {
+    const mn_header *header = desc->header;
+    uint32_t k_min = mni_store_k_min(header);
+    if (desc->k < k_min)
+        return mn_fail(st, MN_CAP_TOO_SMALL, "%s: -K %u is too small; the smallest is %u",
+                       desc->path, desc->k, k_min);
+    paged *p = mni_arena_take(arena, 1, sizeof *p, _Alignof(paged));
+    p->desc = *desc;
+    mni_board_open(&p->board, desc->k, prefetches_max(desc->k), arena);
+    mni_pool_open(&p->pool, desc, &p->board, arena);
+    const mni_holders *holders = &p->pool.holders;
+    mni_disk_desc disk = {
+        .path = desc->path,
+        .kind = desc->io,
+        .file_bytes = header->file_bytes,
+        .chunks = {.base = holders->bytes,
+                   .chunk_bytes = (size_t)holders->chunk_holders * holders->holder_bytes,
+                   .all_bytes = (size_t)holders->k * holders->holder_bytes,
+                   .count = holders->chunks},
+        .seed = desc->seed,
+        .sim = desc->sim,
+        .warn = desc->warn,
+        .warn_context = desc->warn_context};
+    mn_code code = mni_disk_open(&p->disk, &disk, arena, st);
+    if (code == MN_OK) {
+        p->loop = (mni_ioloop){.pool = &p->pool,
+                               .board = &p->board,
+                               .disk = &p->disk,
+                               .header = header,
+                               .check = desc->check,
+                               .check_context = desc->check_context,
+                               .serial = desc->io_serial};
+        if (!p->disk.method->own_time)
+            code = mni_ioloop_start(&p->loop, st);
+        if (code == MN_OK)
+            code = load_roots(p, st);
+        if (code == MN_OK) {
+            *out = p;
+            return MN_OK;
+        }
+        close_paged(p);
+        return code;
+    }
+    mni_pool_close(&p->pool);
+    mni_board_close(&p->board);
+    return code;
+}
+
+/* ---- into use
+ * -------------------------------------------------------------------------------------- */
+
+static mni_answer enter(void *self, const mni_wish *wish, const void **bytes) {
+    return mni_pool_enter(&((paged *)self)->pool, wish, bytes);
+}
+
+static void leave(void *self, uint32_t block_id, bool gone) {
+    mni_pool_leave(&((paged *)self)->pool, block_id, gone);
+}
+
+static mni_answer overflow(void *self, const mni_wish *wish, const void **bytes) {
+    return mni_pool_overflow(&((paged *)self)->pool, wish, bytes);
+}
+
+static void attempt_over(void *self) {
+    mni_pool_attempt_over(&((paged *)self)->pool);
+}
+
+/* ---- figures
+ * --------------------------------------------------------------------------------------- */
+
+static uint32_t pending(void *self) {
+    paged *p = self;
+    return mni_board_open_commands(&p->board) + mni_pool_waiting(&p->pool);
+}
+
+static uint64_t epoch(const void *self) {
+    return ((const paged *)self)->pool.epoch;
+}
+
+static uint32_t resident(void *self, uint32_t in_use) {
+    (void)in_use;
+    return mni_pool_resident(&((paged *)self)->pool);
+}
+
+static uint64_t ended(const mni_board_counts *counts, mni_end end) {
+    uint64_t sum = 0;
+    for (int kind = 0; kind < MNI_COMMANDS; kind++)
+        sum += counts->ended[kind][end];
+    return sum;
+}
+
+static void stats(void *self, mn_session_stats *out) {
+    paged *p = self;
+    mn_session_stats pool;
+    mni_board_counts counts;
+    mni_pool_stats(&p->pool, &pool);
+    mni_board_counts_get(&p->board, &counts);
+    out->reads = pool.reads;
+    out->read_bytes = pool.read_bytes;
+    out->second_chances = pool.second_chances;
+    out->evictions = pool.evictions;
+    out->urgent_down_refused = pool.urgent_down_refused;
+    out->checksum_failures = pool.checksum_failures;
+    out->io_errors = pool.io_errors;
+    out->prefetches = counts.posted[MNI_COMMAND_PREFETCH];
+    out->urgent_up = counts.posted[MNI_COMMAND_URGENT_UP];
+    out->urgent_down = counts.posted[MNI_COMMAND_URGENT_DOWN];
+    out->commands = out->prefetches + out->urgent_up + out->urgent_down;
+    out->commands_loaded = ended(&counts, MNI_END_LOADED);
+    out->commands_resident = ended(&counts, MNI_END_RESIDENT);
+    out->commands_given_up = ended(&counts, MNI_END_GIVEN_UP);
+    out->commands_failed = ended(&counts, MNI_END_FAILED);
+    out->prefetches_given_up = counts.ended[MNI_COMMAND_PREFETCH][MNI_END_GIVEN_UP];
+}
+
+static void check(void *self, mni_usage_of usage_of, const void *context) {
+    mni_pool_check(&((paged *)self)->pool, usage_of, context);
 }
 
 const mni_store_kind mni_store_paged = {
-    .need_bytes = need_bytes, .entries_max = entries_max, .open = refuse};
+    .need_bytes = need_bytes,
+    .entries_max = entries_max,
+    .open = open_paged,
+    .close = close_paged,
+    .enter = enter,
+    .leave = leave,
+    .overflow = overflow,
+    .attempt_over = attempt_over,
+    .frame_begin = frame_begin,
+    .frame_end = frame_end,
+    .drain = drain,
+    .pending = pending,
+    .epoch = epoch,
+    .resident = resident,
+    .stats = stats,
+    .check = check,
+};

@@ -1,0 +1,56 @@
+/* I/O: fetches commands, reads blocks, checks them, completes (paper §3.3.4).
+ *
+ * A machine with one step, so that it runs in a thread of its own or, with the simulated disk,
+ * inside Navigate's frame on virtual time.
+ *
+ * Threads: step belongs to one thread: the one that mni_ioloop_start makes, or the caller. Order:
+ * open; start, or steps; stop; close. Memory: fixed. */
+#ifndef MNI_IOLOOP_H
+#define MNI_IOLOOP_H
+
+#include <pthread.h>
+
+#include "disk.h"
+#include "pool.h"
+
+typedef enum mni_request_state {
+    MNI_REQUEST_FREE = 0,  /* then IN_FLIGHT */
+    MNI_REQUEST_IN_FLIGHT, /* the disk has it; exactly one completion; then FREE or AGAIN */
+    MNI_REQUEST_AGAIN, /* to be submitted (again): short, EINTR, EAGAIN, no room; then IN_FLIGHT */
+} mni_request_state;
+
+typedef struct mni_request {
+    mni_request_state state;
+    mni_command command;
+    mni_load load;
+    uint32_t done_bytes;
+    uint32_t fruitless; /* completions in a row that brought nothing */
+} mni_request;
+
+typedef struct mni_ioloop {
+    /* const after open */
+    mni_pool *pool;
+    mni_board *board;
+    mni_disk *disk;
+    const mn_header *header;
+    mni_store_check check;
+    const void *check_context;
+    bool serial; /* one command at a time, in order */
+    bool has_thread;
+    pthread_t thread;
+    /* I/O only */
+    mni_request request[MNI_DISK_DEPTH]; /* by tag */
+    uint32_t busy;                       /* requests that are not FREE */
+    bool stalled;                        /* an urgent command waits for a place */
+    mni_command stalled_command;
+} mni_ioloop;
+
+/* Zeroed memory; the fields above the line are filled in by the caller. */
+mn_code mni_ioloop_start(mni_ioloop *loop, mn_status *st);
+/* One round: submits, collects, completes, fetches. wait: sleeps a little when reads are in flight
+ * and none has ended. Returns whether anything is under way. */
+bool mni_ioloop_step(mni_ioloop *loop, bool wait);
+/* Ends the thread, if there is one, and every open command. The disk is quiet then. */
+void mni_ioloop_stop(mni_ioloop *loop);
+
+#endif

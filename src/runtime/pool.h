@@ -1,0 +1,135 @@
+/* The pool: the protocol by which Navigate and I/O share K place holders (paper §3.3.2 to 3.3.4,
+ * with the repairs of design.md §4).
+ *
+ * pool.c has what both sides need and what I/O does; pool_navigate.c has what Navigate does: the
+ * rules, attempts, grants, the end of a frame. README.md has the life cycles and the lock order.
+ *
+ * Reference counts count neighbours whose in_use is set, which changes at the end of a frame: so a
+ * block that comes into use and goes out of it many times in a frame has its references walked
+ * once. During the frame `held` protects whatever was in use at any moment of it.
+ *
+ * Threads: every function takes pool.lock itself, but those named _locked. None waits for a disk,
+ * and under the lock there is no I/O, no allocation and no callback but the trace hook. Memory:
+ * from the arena, by K. */
+#ifndef MNI_POOL_H
+#define MNI_POOL_H
+
+#include <pthread.h>
+
+#include "board.h"
+#include "failures.h"
+#include "freelist.h"
+#include "grants.h"
+#include "holder.h"
+#include "store_kind.h"
+
+enum { MNI_REPORTS_MAX = 8 }; /* failures told by name between two frames; others are counted */
+
+typedef struct mni_report {
+    uint32_t block_id;
+    const char *why; /* a literal */
+} mni_report;
+
+/* The asks between two leaves: does Navigate's attempt wait, or is it refused? */
+typedef struct mni_attempt {
+    bool over;    /* something was given back: the next ask begins another */
+    bool absent;  /* a block of it is absent */
+    bool refused; /* the rules forbid a block of it */
+} mni_attempt;
+
+typedef struct mni_pool {
+    /* const after open */
+    const mn_header *header;
+    mni_board *board;
+
+    pthread_mutex_t lock;
+    /* guarded by lock */
+    bool locked; /* so that functions can assert it */
+    mni_holders holders;
+    mni_hashmap by_id; /* block id -> slot */
+    mni_freelist free;
+    mni_grants grants;
+    mni_failures failures;
+    uint64_t frame;
+    uint32_t loading_plain; /* place holders being read into for nobody's grant */
+    uint32_t hand;          /* where the search for a victim goes on */
+    mni_report report[MNI_REPORTS_MAX];
+    uint32_t reports;
+    mn_session_stats stats;
+
+    /* Navigate only */
+    uint32_t *touched; /* slots that came into use or went out of it in this frame */
+    uint32_t touched_count;
+    mni_attempt attempt;
+    bool waits_for_reads;   /* in this frame a switch waited for reads to end */
+    uint64_t absent_serial; /* answers "absent" so far */
+    uint64_t epoch;
+} mni_pool;
+
+size_t mni_pool_need(const mn_header *header, uint32_t k);
+void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board, mni_arena *arena);
+void mni_pool_close(mni_pool *pool);
+
+/* ---- Navigate ------------------------------------------------------------------------------- */
+
+mni_answer mni_pool_enter(mni_pool *pool, const mni_wish *wish, const void **bytes);
+/* gone: the block has left the ancestor table as well. */
+void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone);
+mni_answer mni_pool_overflow(mni_pool *pool, const mni_wish *wish, const void **bytes);
+void mni_pool_attempt_over(mni_pool *pool);
+/* Asks for a root block before the first frame; mni_pool_end_frame posts it. */
+void mni_pool_ask_root(mni_pool *pool, mn_block_ref ref);
+bool mni_pool_has(mni_pool *pool, uint32_t block_id);
+/* Starts a frame and hands out what failed since the last: at most MNI_REPORTS_MAX. */
+uint32_t mni_pool_begin_frame(mni_pool *pool, mni_report report[MNI_REPORTS_MAX]);
+void mni_pool_end_frame(mni_pool *pool);
+/* What was answered "absent" in this frame and may be there, or be asked for, in the next. */
+uint32_t mni_pool_waiting(mni_pool *pool);
+uint32_t mni_pool_resident(mni_pool *pool); /* blocks in real memory */
+void mni_pool_stats(mni_pool *pool, mn_session_stats *out);
+/* Takes one chunk out of service, or back into it. shrink: false when every chunk holds a block in
+ * use, pinned or being read, or when what is left would be too little. *chunk says which. */
+bool mni_pool_shrink(mni_pool *pool, uint32_t table_count, uint32_t *chunk);
+bool mni_pool_grow(mni_pool *pool, uint32_t *chunk);
+
+/* ---- I/O ------------------------------------------------------------------------------------ */
+
+typedef enum mni_begin {
+    MNI_BEGIN_READ = 0, /* *load says where to */
+    MNI_BEGIN_RESIDENT,
+    MNI_BEGIN_GIVE_UP,
+    MNI_BEGIN_WAIT, /* urgent, and no place now: try again when a read has ended */
+} mni_begin;
+typedef struct mni_load {
+    uint32_t slot, generation;
+    mn_block_ref ref;
+    uint32_t parent_id; /* that the block must name; MN_NONE: any */
+    unsigned char *bytes;
+    uint32_t chunk;
+} mni_load;
+/* Decides about a command: finds its block, or takes a place for it. Check and eviction are one
+ * critical section. may_wait: reads are in flight, so that WAIT can end. */
+mni_begin mni_pool_begin(mni_pool *pool, const mni_command *command, bool may_wait, mni_load *load);
+void mni_pool_loaded(mni_pool *pool, const mni_command *command, const mni_load *load);
+/* io: the disk's fault, otherwise the block's. why: a literal. */
+void mni_pool_failed(mni_pool *pool, const mni_command *command, const mni_load *load, bool io,
+                     const char *why);
+void mni_pool_count_read(mni_pool *pool, uint64_t read_bytes, uint32_t io_errors);
+
+/* ---- both ----------------------------------------------------------------------------------- */
+
+void mni_pool_lock(mni_pool *pool);
+void mni_pool_unlock(mni_pool *pool);
+/* Unpins or pins what a grant is for. */
+void mni_pool_pin_locked(mni_pool *pool, uint32_t slot, bool pinned);
+/* From the free list to real memory, if that is where it is. */
+void mni_pool_rescue_locked(mni_pool *pool, uint32_t slot);
+/* To the end of the free list when nothing holds it any more. */
+void mni_pool_release_locked(mni_pool *pool, uint32_t slot);
+/* Throws a block out of a place holder that is being taken; it is on no list and in no table then.
+ */
+void mni_pool_forget_locked(mni_pool *pool, uint32_t slot);
+/* All equations of the pool, by full recount; see store.h. */
+void mni_pool_check(mni_pool *pool, mni_usage_of usage_of, const void *context);
+
+#endif

@@ -1,0 +1,506 @@
+/* The pool, Navigate's side: which switches are allowed, what they take, and the end of a frame.
+ * See pool.h for threads and memory.
+ *
+ * Attempts. A split with the splits forced by it is carried out whole or not at all: Navigate takes
+ * its blocks into use one after the other (enter), and when one is absent or refused it gives back
+ * those it has (leave). So the asks between two leaves are one attempt. If a block of it is absent
+ * and none is refused, it stands: what it gives back is granted, and stays until it is not asked
+ * for again. If one is refused, the chain is given up, and what it gives back goes.
+ *
+ * The rules (design.md §4, repairs a and b), with K the place holders in service, U the blocks in
+ * use, A the ancestor table and G the grants not in use:
+ *
+ *   packed   switch down     |A| + added + (G outside A) <= K
+ *   levels   switch down     K - (U + 1) - G - (being read for no grant) >= 1; while it is only the
+ *                            reads that stand in the way, the answer is "absent": they will end
+ *            urgent down     K - U - G >= 3
+ *   both     overflow        as a switch down that adds to G alone
+ *   both     K >= blocks     no rule: each block has a place of its own
+ */
+#include "assert.h"
+#include "frame.h"
+#include "pool.h"
+
+enum { URGENT_DOWN_SPARE = 3 }; /* paper §3.3.2: a split adds at most two, one stays */
+
+/* ---- the rules ---------------------------------------------------------------------------------
+ */
+
+static uint32_t k_in_service(const mni_pool *pool) {
+    return pool->holders.k - pool->holders.count[MNI_HOLDER_RETIRED];
+}
+
+/* May the block come into use, now that it is there? loads: it may not only because of reads that
+ * will end. own: its own grant, or MNI_HASHMAP_NONE. */
+static bool down_is_allowed(const mni_pool *pool, const mni_wish *wish, uint32_t own, bool *loads) {
+    MN_ASSERT(pool->locked);
+    int64_t k = k_in_service(pool);
+    const mni_grant *grant =
+        own != MNI_HASHMAP_NONE && !pool->grants.grant[own].used ? &pool->grants.grant[own] : NULL;
+    *loads = false;
+    if (wish->parent.id == 0 || k >= pool->header->blocks)
+        return true;
+    if (pool->header->blocking == MN_BLOCKING_PACKED) {
+        int64_t outside = (int64_t)pool->grants.idle_outside - (grant != NULL && grant->outside);
+        return (int64_t)wish->table_count + wish->adds + outside <= k;
+    }
+    int64_t spare = k - (wish->in_use + 1) - ((int64_t)pool->grants.idle - (grant != NULL));
+    *loads = spare >= 1;
+    return spare - pool->loading_plain >= 1;
+}
+
+static bool urgent_is_allowed(const mni_pool *pool, const mni_wish *wish, uint32_t own) {
+    bool loads = false;
+    int64_t k = k_in_service(pool);
+    if (pool->header->blocking == MN_BLOCKING_PACKED)
+        return down_is_allowed(pool, wish, own, &loads);
+    if (wish->parent.id == 0 || k >= pool->header->blocks)
+        return true;
+    bool idle = own != MNI_HASHMAP_NONE && !pool->grants.grant[own].used;
+    return k - wish->in_use - ((int64_t)pool->grants.idle - idle) >= URGENT_DOWN_SPARE;
+}
+
+static bool overflow_is_allowed(const mni_pool *pool, const mni_wish *wish, uint32_t own) {
+    MN_ASSERT(pool->locked);
+    int64_t k = k_in_service(pool);
+    bool has = own != MNI_HASHMAP_NONE;
+    if (has || k >= pool->header->blocks)
+        return true; /* counted already */
+    if (pool->header->blocking == MN_BLOCKING_PACKED)
+        return (int64_t)wish->table_count + pool->grants.idle_outside + 1 <= k;
+    return k - wish->in_use - ((int64_t)pool->grants.idle + 1) >= 1;
+}
+
+/* ---- asking
+ * -------------------------------------------------------------------------------------- */
+
+static void attempt_begins(mni_pool *pool) {
+    if (pool->attempt.over)
+        pool->attempt = (mni_attempt){.over = false};
+}
+
+static mni_answer answer_absent(mni_pool *pool) {
+    pool->attempt.absent = true;
+    pool->absent_serial++;
+    return MNI_ABSENT;
+}
+
+static mni_answer answer_refused(mni_pool *pool) {
+    pool->attempt.refused = true;
+    return MNI_REFUSED;
+}
+
+/* The block is not there: grants it, if the rules allow, so that it is fetched. */
+static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, uint32_t own,
+                          bool allowed) {
+    MN_ASSERT(pool->locked);
+    if (!allowed) {
+        pool->stats.urgent_down_refused++;
+        return answer_refused(pool);
+    }
+    if (own == MNI_HASHMAP_NONE) {
+        bool outside = wish->way == MNI_WAY_OVERFLOW || (wish->way == MNI_WAY_DOWN && wish->adds);
+        uint32_t parent_id = wish->way == MNI_WAY_OVERFLOW ? MN_NONE : wish->parent.id;
+        own = mni_grants_add(&pool->grants, wish->ref, parent_id, wish->way, outside);
+    }
+    if (own != MNI_HASHMAP_NONE) { /* no room: asked again in the next frame */
+        pool->grants.grant[own].asked_frame = pool->frame;
+        pool->grants.grant[own].waiting = true;
+        if (slot != MNI_HASHMAP_NONE)
+            mni_pool_pin_locked(pool, slot, true);
+    }
+    return answer_absent(pool);
+}
+
+static bool is_there(const mni_holder *holder) {
+    return holder->state == MNI_HOLDER_LOADED || holder->state == MNI_HOLDER_FREED;
+}
+
+static void touch(mni_pool *pool, uint32_t slot) {
+    mni_holder *holder = &pool->holders.holder[slot];
+    if (holder->touched)
+        return;
+    MN_ASSERT(pool->touched_count < pool->holders.k);
+    holder->touched = true;
+    pool->touched[pool->touched_count++] = slot;
+}
+
+static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void **bytes) {
+    MN_ASSERT(pool->locked);
+    uint32_t own = mni_grants_find(&pool->grants, wish->ref.id);
+    uint32_t slot = mni_hashmap_find(&pool->by_id, wish->ref.id);
+    mni_holder *holder = slot == MNI_HASHMAP_NONE ? NULL : &pool->holders.holder[slot];
+    bool down = wish->way == MNI_WAY_DOWN;
+    if (holder == NULL || !is_there(holder))
+        return ask_for(pool, wish, slot, own, !down || urgent_is_allowed(pool, wish, own));
+    if (holder->kind != MNI_FRAME_METANODE || holder->parent_id != wish->parent.id ||
+        holder->ref.pages != wish->ref.pages)
+        return answer_absent(pool); /* a lying file: another block refers to it */
+    bool loads = false;
+    if (down && !down_is_allowed(pool, wish, own, &loads)) {
+        if (!loads)
+            return answer_refused(pool);
+        if (own != MNI_HASHMAP_NONE) {
+            pool->grants.grant[own].asked_frame = pool->frame;
+            pool->grants.grant[own].waiting = false;
+        }
+        pool->waits_for_reads = true;
+        return answer_absent(pool);
+    }
+    mni_pool_rescue_locked(pool, slot);
+    MN_ASSERT(!holder->used);
+    holder->used = holder->held = true;
+    holder->parent = wish->parent;
+    holder->grandparent_id = wish->grandparent_id;
+    touch(pool, slot);
+    if (own != MNI_HASHMAP_NONE) {
+        pool->grants.grant[own].asked_frame = pool->frame;
+        pool->grants.grant[own].waiting = false;
+        mni_grants_set(&pool->grants, own, true, false);
+    }
+    *bytes = mni_holders_bytes(&pool->holders, slot);
+    return MNI_GRANTED;
+}
+
+mni_answer mni_pool_enter(mni_pool *pool, const mni_wish *wish, const void **bytes) {
+    attempt_begins(pool);
+    mni_pool_lock(pool);
+    mni_answer answer = enter_locked(pool, wish, bytes);
+    mni_pool_unlock(pool);
+    return answer;
+}
+
+void mni_pool_attempt_over(mni_pool *pool) {
+    pool->attempt.over = true;
+}
+
+void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone) {
+    pool->attempt.over = true;
+    mni_pool_lock(pool);
+    uint32_t slot = mni_hashmap_find(&pool->by_id, block_id);
+    MN_ASSERT(slot != MNI_HASHMAP_NONE);
+    mni_holder *holder = &pool->holders.holder[slot];
+    MN_ASSERT(holder->used && holder->held && holder->state == MNI_HOLDER_LOADED);
+    holder->used = false;
+    touch(pool, slot);
+    bool undone = !holder->in_use;
+    uint32_t own = mni_grants_find(&pool->grants, block_id);
+    if (own != MNI_HASHMAP_NONE) {
+        mni_grants_set(&pool->grants, own, false, gone);
+        if (pool->attempt.refused)
+            pool->grants.grant[own].asked_frame = 0; /* dropped when the frame ends */
+    } else if (undone && pool->attempt.absent && !pool->attempt.refused) {
+        own = mni_grants_add(&pool->grants, holder->ref, holder->parent_id, MNI_WAY_DOWN, gone);
+        if (own != MNI_HASHMAP_NONE) {
+            pool->grants.grant[own].asked_frame = pool->frame;
+            mni_pool_pin_locked(pool, slot, true);
+        }
+    }
+    mni_pool_unlock(pool);
+}
+
+static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const void **bytes) {
+    MN_ASSERT(pool->locked);
+    uint32_t own = mni_grants_find(&pool->grants, wish->ref.id);
+    uint32_t slot = mni_hashmap_find(&pool->by_id, wish->ref.id);
+    bool allowed = overflow_is_allowed(pool, wish, own);
+    if (slot == MNI_HASHMAP_NONE || !is_there(&pool->holders.holder[slot]))
+        return ask_for(pool, wish, slot, own, allowed);
+    mni_holder *holder = &pool->holders.holder[slot];
+    if (holder->kind != MNI_FRAME_OVERFLOW || holder->ref.pages != wish->ref.pages)
+        return answer_absent(pool);
+    if (!allowed)
+        return answer_refused(pool);
+    if (own == MNI_HASHMAP_NONE)
+        own = mni_grants_add(&pool->grants, wish->ref, MN_NONE, MNI_WAY_OVERFLOW, true);
+    if (own == MNI_HASHMAP_NONE)
+        return answer_absent(pool);
+    mni_pool_rescue_locked(pool, slot);
+    mni_pool_pin_locked(pool, slot, true);
+    mni_grant *grant = &pool->grants.grant[own];
+    grant->asked_frame = pool->frame;
+    grant->waiting = false;
+    grant->absent_serial = pool->absent_serial;
+    *bytes = mni_holders_bytes(&pool->holders, slot);
+    return MNI_GRANTED;
+}
+
+mni_answer mni_pool_overflow(mni_pool *pool, const mni_wish *wish, const void **bytes) {
+    attempt_begins(pool);
+    mni_pool_lock(pool);
+    mni_answer answer = overflow_locked(pool, wish, bytes);
+    mni_pool_unlock(pool);
+    return answer;
+}
+
+void mni_pool_ask_root(mni_pool *pool, mn_block_ref ref) {
+    mni_wish wish = {.way = MNI_WAY_DOWN, .ref = ref, .adds = true};
+    mni_pool_lock(pool);
+    uint32_t own = mni_grants_find(&pool->grants, ref.id);
+    uint32_t slot = mni_hashmap_find(&pool->by_id, ref.id);
+    (void)ask_for(pool, &wish, slot, own, true);
+    mni_pool_unlock(pool);
+}
+
+bool mni_pool_has(mni_pool *pool, uint32_t block_id) {
+    mni_pool_lock(pool);
+    uint32_t slot = mni_hashmap_find(&pool->by_id, block_id);
+    bool has = slot != MNI_HASHMAP_NONE && is_there(&pool->holders.holder[slot]);
+    mni_pool_unlock(pool);
+    return has;
+}
+
+/* ---- the end of a frame: neighbours
+ * --------------------------------------------------------------- */
+
+/* Posts a prefetch for a block in use. false: the board is full, so it is no use to go on. */
+static bool post_prefetch(mni_pool *pool, uint32_t sponsor, mn_block_ref ref, uint32_t parent_id) {
+    const mn_header *header = pool->header;
+    if (ref.id == 0 || (uint64_t)ref.pages * MN_PAGE_BYTES > header->block_bytes_max ||
+        !mni_failures_due(&pool->failures, ref.id, pool->frame))
+        return true;
+    mni_command command = {.kind = MNI_COMMAND_PREFETCH,
+                           .ref = ref,
+                           .parent_id = parent_id,
+                           .sponsor = sponsor,
+                           .sponsor_generation = pool->holders.holder[sponsor].generation};
+    return mni_board_post(pool->board, &command);
+}
+
+/* The block has come into use: its parent and its children are counted once more, and those that
+ * are not there are fetched. Raising the count of an absent block is the prefetch. */
+static void raise_neighbours(mni_pool *pool, uint32_t slot) {
+    MN_ASSERT(pool->locked);
+    const mni_holder *holder = &pool->holders.holder[slot];
+    const void *bytes = mni_holders_bytes(&pool->holders, slot);
+    bool room = true;
+    mni_frame frame;
+    mni_frame_get(bytes, &frame);
+
+    uint32_t at = mni_hashmap_find(&pool->by_id, holder->parent.id);
+    if (at != MNI_HASHMAP_NONE && is_there(&pool->holders.holder[at])) {
+        pool->holders.holder[at].children_in_use++;
+        mni_pool_rescue_locked(pool, at);
+    } else if (at == MNI_HASHMAP_NONE && holder->parent.id != 0) {
+        room = post_prefetch(pool, slot, holder->parent, holder->grandparent_id);
+    }
+    for (uint32_t i = 0; i < frame.refs; i++) {
+        mn_block_ref ref = mni_frame_ref(bytes, i);
+        at = mni_hashmap_find(&pool->by_id, ref.id);
+        if (at == MNI_HASHMAP_NONE) {
+            room = room && post_prefetch(pool, slot, ref, holder->ref.id);
+            continue;
+        }
+        mni_holder *child = &pool->holders.holder[at];
+        if (is_there(child) && child->parent_id == holder->ref.id) {
+            child->parent_in_use = true;
+            mni_pool_rescue_locked(pool, at);
+        }
+    }
+}
+
+static void lower_neighbours(mni_pool *pool, uint32_t slot) {
+    MN_ASSERT(pool->locked);
+    const mni_holder *holder = &pool->holders.holder[slot];
+    const void *bytes = mni_holders_bytes(&pool->holders, slot);
+    mni_frame frame;
+    mni_frame_get(bytes, &frame);
+
+    uint32_t at = mni_hashmap_find(&pool->by_id, holder->parent.id);
+    if (at != MNI_HASHMAP_NONE && is_there(&pool->holders.holder[at])) {
+        MN_ASSERT(pool->holders.holder[at].children_in_use > 0);
+        pool->holders.holder[at].children_in_use--;
+        mni_pool_release_locked(pool, at);
+    }
+    for (uint32_t i = 0; i < frame.refs; i++) {
+        at = mni_hashmap_find(&pool->by_id, mni_frame_ref(bytes, i).id);
+        if (at == MNI_HASHMAP_NONE)
+            continue;
+        mni_holder *child = &pool->holders.holder[at];
+        if (is_there(child) && child->parent_id == holder->ref.id) {
+            child->parent_in_use = false;
+            mni_pool_release_locked(pool, at);
+        }
+    }
+}
+
+static void settle_touched(mni_pool *pool) {
+    MN_ASSERT(pool->locked);
+    bool changed = false;
+    for (uint32_t i = 0; i < pool->touched_count; i++) {
+        uint32_t slot = pool->touched[i];
+        mni_holder *holder = &pool->holders.holder[slot];
+        MN_ASSERT(holder->touched && holder->held);
+        holder->touched = false;
+        holder->held = holder->used;
+        changed |= holder->used != holder->in_use;
+        if (holder->used && !holder->in_use) {
+            holder->in_use = true;
+            raise_neighbours(pool, slot);
+        } else if (!holder->used && holder->in_use) {
+            holder->in_use = false;
+            lower_neighbours(pool, slot);
+        }
+        if (!holder->used)
+            mni_pool_release_locked(pool, slot);
+    }
+    pool->touched_count = 0;
+    pool->epoch += changed;
+}
+
+/* ---- the end of a frame: grants
+ * ------------------------------------------------------------------- */
+
+static void post_urgent(mni_pool *pool, uint32_t index) {
+    mni_grant *grant = &pool->grants.grant[index];
+    mni_command command = {.kind = grant->way == MNI_WAY_UP ? MNI_COMMAND_URGENT_UP
+                                                            : MNI_COMMAND_URGENT_DOWN,
+                           .ref = grant->ref,
+                           .parent_id = grant->parent_id,
+                           .sponsor = index,
+                           .sponsor_generation = grant->serial};
+    grant->posted = mni_board_post(pool->board, &command); /* full: in the next frame */
+}
+
+/* Navigate has used it, or nobody has asked for it again: the grant goes, and its pin. */
+static bool is_over(const mni_pool *pool, const mni_grant *grant) {
+    bool handed_over = grant->way == MNI_WAY_OVERFLOW && !grant->waiting;
+    return grant->used || grant->asked_frame != pool->frame ||
+           (handed_over && grant->absent_serial == pool->absent_serial);
+}
+
+static void settle_grants(mni_pool *pool) {
+    MN_ASSERT(pool->locked);
+    for (uint32_t i = 0; i < pool->grants.high; i++) {
+        mni_grant *grant = &pool->grants.grant[i];
+        if (grant->ref.id == 0)
+            continue;
+        uint32_t slot = mni_hashmap_find(&pool->by_id, grant->ref.id);
+        if (is_over(pool, grant)) {
+            mni_grants_remove(&pool->grants, i);
+            if (slot != MNI_HASHMAP_NONE && pool->holders.holder[slot].pinned) {
+                mni_pool_pin_locked(pool, slot, false);
+                mni_pool_release_locked(pool, slot);
+            }
+        } else if (slot == MNI_HASHMAP_NONE && !grant->posted &&
+                   mni_failures_due(&pool->failures, grant->ref.id, pool->frame)) {
+            post_urgent(pool, i);
+        }
+    }
+}
+
+uint32_t mni_pool_begin_frame(mni_pool *pool, mni_report report[MNI_REPORTS_MAX]) {
+    pool->waits_for_reads = false;
+    mni_pool_lock(pool);
+    pool->frame++;
+    uint32_t count = pool->reports;
+    for (uint32_t i = 0; i < count; i++)
+        report[i] = pool->report[i];
+    pool->reports = 0;
+    mni_pool_unlock(pool);
+    return count;
+}
+
+void mni_pool_end_frame(mni_pool *pool) {
+    pool->attempt.over = true;
+    mni_pool_lock(pool);
+    settle_grants(pool); /* first: urgent commands stand before this frame's prefetches anyway, and
+                            what is unpinned may be freed once */
+    settle_touched(pool);
+    mni_pool_unlock(pool);
+}
+
+/* ---- figures
+ * -------------------------------------------------------------------------------------- */
+
+uint32_t mni_pool_waiting(mni_pool *pool) {
+    uint32_t count = pool->waits_for_reads;
+    mni_pool_lock(pool);
+    for (uint32_t i = 0; i < pool->grants.high; i++) {
+        const mni_grant *grant = &pool->grants.grant[i];
+        if (grant->ref.id != 0 && grant->waiting &&
+            mni_failures_due(&pool->failures, grant->ref.id, pool->frame + 1))
+            count++;
+    }
+    mni_pool_unlock(pool);
+    return count;
+}
+
+uint32_t mni_pool_resident(mni_pool *pool) {
+    mni_pool_lock(pool);
+    uint32_t resident = pool->holders.count[MNI_HOLDER_LOADED];
+    mni_pool_unlock(pool);
+    return resident;
+}
+
+void mni_pool_stats(mni_pool *pool, mn_session_stats *out) {
+    mni_pool_lock(pool);
+    *out = pool->stats;
+    mni_pool_unlock(pool);
+}
+
+/* ---- chunks
+ * ------------------------------------------------------------------------------------------ */
+
+static uint32_t chunk_end(const mni_holders *holders, uint32_t chunk) {
+    uint64_t end = ((uint64_t)chunk + 1) * holders->chunk_holders;
+    return end < holders->k ? (uint32_t)end : holders->k;
+}
+
+static bool chunk_may_retire(const mni_pool *pool, uint32_t chunk) {
+    const mni_holders *holders = &pool->holders;
+    for (uint32_t slot = chunk * holders->chunk_holders; slot < chunk_end(holders, chunk); slot++) {
+        const mni_holder *holder = &holders->holder[slot];
+        if (holder->state == MNI_HOLDER_LOADING || holder->state == MNI_HOLDER_RETIRED ||
+            holder->held || holder->in_use || holder->pinned)
+            return false;
+    }
+    return true;
+}
+
+bool mni_pool_shrink(mni_pool *pool, uint32_t table_count, uint32_t *chunk) {
+    mni_holders *holders = &pool->holders;
+    bool found = false;
+    mni_pool_lock(pool);
+    /* What the rules have granted must still fit: A for packed, and more than U for levels. */
+    uint64_t need = (uint64_t)table_count + pool->grants.idle + URGENT_DOWN_SPARE;
+    uint32_t k_min = mni_store_k_min(pool->header);
+    need = need > k_min ? need : k_min;
+    for (uint32_t c = holders->chunks; !found && c-- > 0;) {
+        uint32_t from = c * holders->chunk_holders, to = chunk_end(holders, c);
+        if (!chunk_may_retire(pool, c) || k_in_service(pool) < need + (to - from))
+            continue;
+        found = true;
+        *chunk = c;
+        for (uint32_t slot = from; slot < to; slot++) {
+            if (holders->holder[slot].state != MNI_HOLDER_LOADED)
+                mni_freelist_unlink(&pool->free, holders, slot);
+            else
+                pool->stats.evictions++;
+            mni_pool_forget_locked(pool, slot);
+            mni_holders_set(holders, slot, MNI_HOLDER_RETIRED);
+        }
+    }
+    mni_pool_unlock(pool);
+    return found;
+}
+
+bool mni_pool_grow(mni_pool *pool, uint32_t *chunk) {
+    mni_holders *holders = &pool->holders;
+    bool found = false;
+    mni_pool_lock(pool);
+    for (uint32_t c = 0; !found && c < holders->chunks; c++) {
+        uint32_t from = c * holders->chunk_holders, to = chunk_end(holders, c);
+        if (holders->holder[from].state != MNI_HOLDER_RETIRED)
+            continue;
+        found = true;
+        *chunk = c;
+        for (uint32_t slot = from; slot < to; slot++) {
+            mni_holders_set(holders, slot, MNI_HOLDER_EMPTY);
+            mni_freelist_prepend(&pool->free, holders, slot);
+        }
+        pool->epoch++;
+    }
+    mni_pool_unlock(pool);
+    return found;
+}
