@@ -10,7 +10,7 @@
  *      |  h  h  h  h  |  h  h  h ...      sorted by corner[h], then by h
  *
  * Threads: any, each call on its own. Memory: 4 bytes a half-edge and a vertex, 2 bits a triangle,
- * and 5.4 bytes a triangle of the largest star; freed before the return. (design.md §3.1) */
+ * and 10.7 bytes a triangle of the largest star; freed before the return. (design.md §3.1) */
 #include "faces.h"
 
 #include <stdbool.h>
@@ -20,7 +20,6 @@
 #include "assert.h"
 #include "table.h"
 
-#define XXH_INLINE_ALL
 #include <xxhash.h>
 
 enum { STAR_FEW = 24 }; /* compared all against all: in registers and cache, faster than hashing */
@@ -99,14 +98,18 @@ static mn_code mark_repeats_many(faces *f, const uint32_t *list, uint32_t count,
         return MN_FAILED;
     for (uint32_t i = 0; i < count; i++) {
         uint64_t key = key_of(f, list[i]);
-        uint64_t at = mni_table_first(&f->table, XXH3_64bits_withSeed(&key, sizeof key, f->seed));
+        uint64_t hash = XXH3_64bits_withSeed(&key, sizeof key, f->seed);
+        uint64_t at = mni_table_first(&f->table, hash);
         uint32_t other;
-        while (mni_table_at(&f->table, at, &other) && key_of(f, other) != key)
+        bool known = false;
+        while (!known && mni_table_find(&f->table, hash, &at, &other)) {
+            known = key_of(f, other) == key;
             at = mni_table_next(&f->table, at);
-        if (mni_table_at(&f->table, at, &other))
+        }
+        if (known)
             set_bit(marks, list[i] / 3);
         else
-            mni_table_put(&f->table, at, list[i]);
+            mni_table_put(&f->table, at, hash, list[i]);
     }
     mni_table_close(&f->table);
     return MN_OK;

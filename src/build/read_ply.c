@@ -242,17 +242,26 @@ static bool cut(ply *p, const element *e, uint64_t number) {
 }
 
 static uint64_t load(const char *from, uint32_t bytes, encoding order) {
-    uint64_t bits = 0;
-    for (uint32_t i = 0; i < bytes; i++)
-        bits |= (uint64_t)(uint8_t)from[order == LITTLE ? i : bytes - 1 - i] << 8 * i;
-    return bits;
+    uint16_t two;
+    uint32_t four;
+    uint64_t eight;
+    switch (bytes) {
+    case 1:
+        return (uint8_t)*from;
+    case 2:
+        memcpy(&two, from, sizeof two);
+        return order == BIG ? __builtin_bswap16(two) : two;
+    case 4:
+        memcpy(&four, from, sizeof four);
+        return order == BIG ? __builtin_bswap32(four) : four;
+    default:
+        memcpy(&eight, from, sizeof eight);
+        return order == BIG ? __builtin_bswap64(eight) : eight;
+    }
 }
 
-static double decode(const char *from, scalar type, encoding order) {
+static int64_t decode_integer(const char *from, scalar type, encoding order) {
     uint64_t bits = load(from, scalar_bytes[type], order);
-    uint32_t low = (uint32_t)bits;
-    float single;
-    double full;
     switch (type) {
     case I8:
         return (int8_t)bits;
@@ -260,15 +269,21 @@ static double decode(const char *from, scalar type, encoding order) {
         return (int16_t)bits;
     case I32:
         return (int32_t)bits;
-    case F32:
-        memcpy(&single, &low, sizeof single);
-        return single;
-    case F64:
-        memcpy(&full, &bits, sizeof full);
-        return full;
     default:
-        return (double)bits;
+        return (int64_t)bits;
     }
+}
+
+static double decode(const char *from, scalar type, encoding order) {
+    if (type != F32 && type != F64)
+        return (double)decode_integer(from, type, order);
+    uint64_t bits = load(from, scalar_bytes[type], order);
+    uint32_t low = (uint32_t)bits;
+    float single;
+    double full;
+    memcpy(&single, &low, sizeof single);
+    memcpy(&full, &bits, sizeof full);
+    return type == F32 ? (double)single : full;
 }
 
 /* One number, wherever it stands. */
@@ -291,10 +306,10 @@ static bool read_integer(ply *p, const element *e, const property *q, uint64_t n
         mni_text_next(p->source, false);
         return mni_text_integer(p->source, value, q->name);
     }
-    double exact; /* 32 bits at most: a double holds them */
-    if (!read_scalar(p, e, q, number, type, &exact))
-        return false;
-    *value = (int64_t)exact;
+    if (!mni_source_have(p->source, scalar_bytes[type]))
+        return cut(p, e, number);
+    *value = decode_integer(p->source->at, type, p->encoding);
+    p->source->at += scalar_bytes[type];
     return true;
 }
 

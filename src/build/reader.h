@@ -11,6 +11,7 @@
 
 #include "metanode/build.h"
 #include "source.h"
+#include "weld.h"
 
 /* ---- the intake ----------------------------------------------------------------------------- */
 
@@ -18,7 +19,6 @@
 #define MNI_TRIANGLES_MAX                                                                          \
     ((uint64_t)(UINT32_MAX - 1) / 3) /* half-edges are numbered in 32 bits                         \
                                       */
-#define MNI_WHITE UINT32_MAX         /* RGBA8 of a vertex that has no colour */
 
 typedef struct mni_intake mni_intake;
 
