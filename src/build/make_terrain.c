@@ -45,7 +45,7 @@ static double ridges(const terrain *t, double x, double z) {
         /* downhill from the crease, by a share of this octave's size */
         push_x -= 0.16 / frequency * weight * slope[0] * n;
         push_z -= 0.16 / frequency * weight * slope[1] * n;
-        weight *= 0.6 * (0.3 + 0.7 * clamp01(0.75 * sum - 0.1));
+        weight *= 0.6 * (0.5 + 0.5 * clamp01(0.75 * sum - 0.1));
         frequency *= 2;
     }
     return sum;
@@ -55,7 +55,7 @@ static double height(const terrain *t, double x, double z) {
     double none[2];
     double bend = 1.5 * mni_noise2(t->seed ^ SEED_SKIN, x / 9, z / 9, none);
     double plain = mni_noise2(t->seed ^ SEED_MASK, (x + bend) / 11, (z - bend) / 11, none);
-    double mask = mni_make_step(-0.45, 0.2, plain);
+    double mask = mni_make_step(-0.5, 0.1, plain);
     double r = ridges(t, x, z);
     return HEIGHT * (0.15 + 0.85 * mask) * r * r * 0.26;
 }
@@ -94,9 +94,9 @@ static uint32_t color(const terrain *t, uint64_t row, uint64_t c) {
     double level = p[1] + 0.35 * tint;
     mni_rgb ground = mni_rgb_mix(meadow, forest, mni_make_step(0.15, 0.5, level + 0.3 * tint));
     ground = mni_rgb_mix(ground, scree, mni_make_step(0.85, 1.25, level));
-    ground = mni_rgb_mix(ground, rock, mni_make_step(0.35, 0.9, steep));
+    ground = mni_rgb_mix(ground, rock, mni_make_step(0.4, 1.0, steep));
     ground = mni_rgb_mix(ground, snow,
-                         mni_make_step(1.35, 1.75, level) * (1 - mni_make_step(1.0, 2.2, steep)));
+                         mni_make_step(1.5, 1.95, level) * (1 - mni_make_step(1.6, 4.0, steep)));
     return mni_rgb_pack(ground);
 }
 
