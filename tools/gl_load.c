@@ -23,9 +23,9 @@ uint64_t gl_load_enter(void) {
 }
 
 void gl_load_leave(gl_load *load, uint64_t entered) {
-    const uint64_t now = gl_load_enter();
-    if (now > entered)
-        load->rss_bytes += now - entered;
+    load->held_bytes += (int64_t)(gl_load_enter() - entered); /* a driver gives back, too */
+    if (load->held_bytes > (int64_t)load->rss_bytes)
+        load->rss_bytes = (uint64_t)load->held_bytes;
 }
 
 /* Where the module lies; the place beside the program when it is nowhere. */

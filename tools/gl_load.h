@@ -8,7 +8,8 @@
 typedef struct gl_load { /* zeroed: not loaded */
     const mn_gl_api *api;
     void *module;       /* stays loaded: drivers do not survive being unloaded */
-    uint64_t rss_bytes; /* by which the resident set grew between gl_load_enter and _leave */
+    int64_t held_bytes; /* by which the resident set grew between gl_load_enter and _leave */
+    uint64_t rss_bytes; /* the most that was */
 } gl_load;
 
 /* Loads the module from METANODE_HELPER_DIR, else from beside the program, else from the build

@@ -40,26 +40,17 @@ typedef struct mn_gl_look {
     bool flat;       /* a normal for each triangle instead of smooth ones */
 } mn_gl_look;
 
-enum mn_gl_key { /* bits of mn_gl_input.keys: what was typed since the last poll */
-                 MN_GL_KEY_WIREFRAME = 1 << 0,
-                 MN_GL_KEY_LOD = 1 << 1,
-                 MN_GL_KEY_FLAT = 1 << 2,
-                 MN_GL_KEY_RESET = 1 << 3,
-                 MN_GL_KEY_FINER = 1 << 4,
-                 MN_GL_KEY_COARSER = 1 << 5,
-                 MN_GL_KEY_SCREENSHOT = 1 << 6,
-                 MN_GL_KEY_PAUSE = 1 << 7,
-                 MN_GL_KEY_HELP = 1 << 8,
-};
+enum { MN_GL_TYPED_MAX = 32 }; /* characters between two polls; more are dropped */
 
 /* What the user did since the last poll. Drags are in fractions of the window's height, right and
  * down positive. */
 typedef struct mn_gl_input {
     float orbit[2], pan[2];
     float zoom; /* wheel notches and right drags; positive: nearer */
-    unsigned keys;
-    bool exposed; /* the window must be drawn again (uncovered, resized) */
-    bool closed;  /* the user has had enough */
+    uint32_t typed_count;
+    uint32_t typed[MN_GL_TYPED_MAX]; /* Unicode, in order */
+    bool exposed;                    /* the window must be drawn again (uncovered, resized) */
+    bool closed;                     /* the window's cross, or escape */
 } mn_gl_input;
 
 typedef struct mn_gl_api {

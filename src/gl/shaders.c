@@ -30,9 +30,9 @@ const char mni_shader_surface_vertex[] =
     "    v_color = vec3(0.60, 0.54, 0.47);\n"
     "    if (paint == 1)\n"
     "        v_color = pow(color.rgb, vec3(2.2));\n"
-    "    if (paint == 2) {\n" /* 1e-5 … 1e-1 of the radius */
-    "        float e = log2(max(switch_value * inv_radius, 1e-5)) * 0.30103;\n"
-    "        v_color = pow(ramp(clamp((e + 5.0) * 0.25, 0.0, 1.0)), vec3(1.6));\n"
+    "    if (paint == 2) {\n" /* 1e-4 … 1e-1 of the radius */
+    "        float e = log2(max(switch_value * inv_radius, 1e-4)) * 0.30103;\n"
+    "        v_color = pow(ramp(clamp((e + 4.0) * 0.3333, 0.0, 1.0)), vec3(1.6));\n"
     "    }\n"
     "}\n";
 

@@ -68,20 +68,9 @@ static void on_wheel(GLFWwindow *window, double dx, double dy) {
 
 /* Characters, not key positions: '+' and '?' lie elsewhere on each keyboard. */
 static void on_character(GLFWwindow *window, unsigned character) {
-    static const struct {
-        unsigned character, key;
-    } map[] = {
-        {'w', MN_GL_KEY_WIREFRAME}, {'l', MN_GL_KEY_LOD},        {'f', MN_GL_KEY_FLAT},
-        {'r', MN_GL_KEY_RESET},     {'+', MN_GL_KEY_FINER},      {'=', MN_GL_KEY_FINER},
-        {'-', MN_GL_KEY_COARSER},   {'s', MN_GL_KEY_SCREENSHOT}, {' ', MN_GL_KEY_PAUSE},
-        {'h', MN_GL_KEY_HELP},      {'?', MN_GL_KEY_HELP},
-    };
     mni_window *w = glfwGetWindowUserPointer(window);
-    for (size_t i = 0; i < sizeof map / sizeof map[0]; i++)
-        if (map[i].character == character)
-            w->input.keys |= map[i].key;
-    if (character == 'q')
-        w->input.closed = true;
+    if (w->input.typed_count < MN_GL_TYPED_MAX)
+        w->input.typed[w->input.typed_count++] = character;
 }
 
 static void on_key(GLFWwindow *window, int key, int code, int action, int mods) {
