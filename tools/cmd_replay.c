@@ -11,7 +11,7 @@
 #include <sys/stat.h>
 #include <time.h>
 
-#include "gl_load.h"
+#include "picture.h"
 #include "replay_figures.h"
 #include "session_options.h"
 #include "trace.h"
@@ -20,6 +20,7 @@ enum {
     CSV = SESSION_OPTION_END,
     TRACE,
     IMAGES,
+    IMAGES_EVERY,
     SETTLE,
     STDIO_BYTES = 1 << 14,
     SETTLE_FRAMES_MAX = 1 << 20,
@@ -29,14 +30,14 @@ enum {
 typedef struct replay {
     session_options options;
     const char *csv_name, *trace_name, *images_dir;
+    uint64_t images_every;
     bool settle;
 
     mn_path *path;
     mn_session *session;
     FILE *csv;
     trace *trace;
-    gl_load gl;
-    mn_gl *picture;
+    picture picture;
     replay_figures figures;
     char csv_buffer[STDIO_BYTES];
 } replay;
@@ -47,7 +48,8 @@ static void help(void) {
            "  --settle          then let the last camera stand until settled, and go to the roots\n"
            "  --csv F           a row a frame\n"
            "  --trace F         what happens to place holders, event by event\n"
-           "  --images DIR      a picture a frame, DIR/frame-000000.png …\n",
+           "  --images DIR      a picture a frame, DIR/frame-000000.png …\n"
+           "  --images-every N  of every Nth frame only, from the first (1)\n",
            session_options_help);
 }
 
@@ -59,12 +61,14 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
                                             {"csv", required_argument, NULL, CSV},
                                             {"trace", required_argument, NULL, TRACE},
                                             {"images", required_argument, NULL, IMAGES},
+                                            {"images-every", required_argument, NULL, IMAGES_EVERY},
                                             {"settle", no_argument, NULL, SETTLE},
                                             {"help", no_argument, NULL, 'h'},
                                             {0, 0, 0, 0}};
     int found;
     *code = MN_OK;
     session_options_init(&r->options);
+    r->images_every = 1;
     while ((found = cli_option(argc, argv, SESSION_OPTIONS_SHORT "h", options)) != -1) {
         if (session_options_take(&r->options, argv[0], found, optarg, code)) {
             if (*code != MN_OK)
@@ -80,6 +84,13 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
             break;
         case IMAGES:
             r->images_dir = optarg;
+            break;
+        case IMAGES_EVERY:
+            if (!cli_u64(optarg, 1, UINT32_MAX, &r->images_every)) {
+                *code =
+                    cli_error(MN_USAGE, "replay: --images-every '%s': a number above 0", optarg);
+                return false;
+            }
             break;
         case SETTLE:
             r->settle = true;
@@ -110,28 +121,12 @@ static mn_code csv_open(replay *r, mn_status *st) {
     return MN_OK;
 }
 
-/* The module, and a context for the largest front that this plan allows. */
-static mn_code picture_open(replay *r, mn_status *st) {
+static mn_code images_open(replay *r, mn_status *st) {
+    const mn_session_desc *d = &r->options.desc;
     if (mkdir(r->images_dir, 0777) != 0 && errno != EEXIST)
         return mn_fail(st, MN_FAILED, "--images %s: cannot be made: %s", r->images_dir,
                        strerror(errno));
-    mn_code code = gl_load_module(&r->gl, st);
-    if (code != MN_OK)
-        return code;
-    const mn_header *header = mn_session_header(r->session);
-    mn_plan plan;
-    mn_session_plan(r->session, &plan);
-    mn_gl_desc desc = {.width_px = r->options.desc.width_px,
-                       .height_px = r->options.desc.height_px,
-                       .node_slots_max = 2 * plan.front_max,
-                       .simplex_slots_max = plan.simplices_max,
-                       .has_colors = header->has_colors};
-    memcpy(desc.box_min, header->box_min, sizeof desc.box_min);
-    memcpy(desc.box_max, header->box_max, sizeof desc.box_max);
-    uint64_t entered = gl_load_enter();
-    code = r->gl.api->offscreen_open(&desc, &r->picture, st);
-    gl_load_leave(&r->gl, entered);
-    return code;
+    return picture_open(&r->picture, r->session, d->width_px, d->height_px, st);
 }
 
 static mn_code open_all(replay *r, mn_status *st) {
@@ -158,13 +153,12 @@ static mn_code open_all(replay *r, mn_status *st) {
     if (code == MN_OK && r->csv_name != NULL)
         code = csv_open(r, st);
     if (code == MN_OK && r->images_dir != NULL)
-        code = picture_open(r, st);
+        code = images_open(r, st);
     return code;
 }
 
 static mn_code close_all(replay *r, mn_status *st) {
-    if (r->picture != NULL)
-        r->gl.api->close(r->picture);
+    picture_close(&r->picture);
     mn_session_close(r->session);
     mn_code code = trace_close(r->trace, st);
     if (r->csv != NULL) {
@@ -179,20 +173,12 @@ static mn_code close_all(replay *r, mn_status *st) {
 
 /* ---- frames ---------------------------------------------------------------------------------- */
 
-static mn_code picture_save(replay *r, uint32_t frame, const mn_camera *camera, mn_status *st) {
+static mn_code image(replay *r, uint32_t frame, const mn_camera *camera, mn_status *st) {
     static const mn_gl_look look = {0};
     char name[4096];
-    mn_front front;
-    mn_session_front(r->session, &front);
-    snprintf(name, sizeof name, "%s/frame-%06u.png", r->images_dir, frame);
-    uint64_t entered = gl_load_enter();
-    mn_code code = r->gl.api->front(r->picture, &front, st);
-    if (code == MN_OK)
-        code = r->gl.api->draw(r->picture, camera, &look, st);
-    if (code == MN_OK)
-        code = r->gl.api->png(r->picture, name, st);
-    gl_load_leave(&r->gl, entered);
-    return code;
+    if (snprintf(name, sizeof name, "%s/frame-%06u.png", r->images_dir, frame) >= (int)sizeof name)
+        return mn_fail(st, MN_USAGE, "--images: that name is longer than 4,000 characters");
+    return picture_write(&r->picture, r->session, camera, &look, name, st);
 }
 
 static void foldovers(replay *r) {
@@ -232,8 +218,8 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
             figures_csv_row(r->csv, &stats);
         if (r->trace != NULL)
             trace_flush(r->trace, frame);
-        if (r->picture != NULL)
-            code = picture_save(r, frame, camera, st);
+        if (r->images_dir != NULL && frame % r->images_every == 0)
+            code = image(r, frame, camera, st);
         if (frame % sample == 0)
             foldovers(r);
         pace(r, &due);
@@ -258,8 +244,8 @@ static void finish(replay *r) {
     replay_figures *f = &r->figures;
     mn_session_drain(r->session);
     f->allocations_after_seal = cli_alloc_since_mark();
-    f->has_gl = r->picture != NULL;
-    f->gl_rss_bytes = r->gl.rss_bytes;
+    f->has_gl = r->images_dir != NULL;
+    f->gl_rss_bytes = r->picture.load.rss_bytes;
     uint64_t peak = cli_rss_peak_bytes();
     f->rss_peak_bytes = peak > f->gl_rss_bytes ? peak - f->gl_rss_bytes : peak;
     f->store = r->options.desc.store;

@@ -1,0 +1,211 @@
+/* Goal: shoot and replay --images, as a user runs them: pictures that are whole and the same
+ * whatever the store, and one clear line with the right exit where there can be none.
+ * Method: the program itself on small models; PNGs read back. Skipped without EGL. */
+#include <check.h>
+#include <png.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "model.h"
+
+static char dir[] = "test_pictures.XXXXXX";
+static model globe;
+static bool no_egl;
+
+/* Exit status of `metanode ARGUMENTS`, output in dir/out. */
+static int metanode(const char *arguments, const char *environment) {
+    char command[600];
+    snprintf(command, sizeof command, "cd %s && env %s '%s' %s >out 2>&1", dir, environment,
+             getenv("METANODE"), arguments);
+    const int status = system(command);
+    ck_assert(WIFEXITED(status));
+    return WEXITSTATUS(status);
+}
+
+static const char *output(void) {
+    static char text[4096];
+    char name[64];
+    snprintf(name, sizeof name, "%s/out", dir);
+    FILE *f = fopen(name, "r");
+    ck_assert_ptr_nonnull(f);
+    text[fread(text, 1, sizeof text - 1, f)] = 0;
+    fclose(f);
+    return text;
+}
+
+static void run(const char *arguments) {
+    const int code = metanode(arguments, "LC_ALL=C");
+    ck_assert_msg(code == 0, "%s: %d: %s", arguments, code, output());
+}
+
+/* RGB, top row first; freed by the caller. */
+static uint8_t *picture(const char *name, uint32_t width, uint32_t height) {
+    char path[96];
+    png_image image = {.version = PNG_IMAGE_VERSION};
+    snprintf(path, sizeof path, "%s/%s", dir, name);
+    ck_assert_msg(png_image_begin_read_from_file(&image, path), "%s: %s", path, image.message);
+    ck_assert_uint_eq(image.width, width);
+    ck_assert_uint_eq(image.height, height);
+    image.format = PNG_FORMAT_RGB;
+    uint8_t *rgb = malloc(PNG_IMAGE_SIZE(image));
+    ck_assert_ptr_nonnull(rgb);
+    ck_assert(png_image_finish_read(&image, NULL, rgb, 0, NULL));
+    return rgb;
+}
+
+/* The colours of the levels of detail are strong, also in the shade; the sky is greyish. */
+static bool is_sky(const uint8_t *p) {
+    const int most = p[0] > p[1] ? (p[0] > p[2] ? p[0] : p[2]) : (p[1] > p[2] ? p[1] : p[2]);
+    const int least = p[0] < p[1] ? (p[0] < p[2] ? p[0] : p[2]) : (p[1] < p[2] ? p[1] : p[2]);
+    return most - least < 45;
+}
+
+/* Along each row the globe is one stretch: sky inside it would be a crack. */
+static void check_globe(const uint8_t *rgb, uint32_t width, uint32_t height) {
+    uint32_t rows = 0;
+    for (uint32_t y = 0; y < height; y++) {
+        uint32_t stretches = 0;
+        bool sky = true;
+        for (uint32_t x = 0; x < width; x++) {
+            const bool here = is_sky(rgb + 3 * (width * y + x));
+            stretches += sky && !here;
+            sky = here;
+        }
+        ck_assert_msg(stretches <= 1, "row %u has a crack", y);
+        rows += stretches;
+    }
+    ck_assert_uint_gt(rows, height / 3);
+    ck_assert_uint_lt(rows, height);
+}
+
+START_TEST(shoots_the_same_from_every_store) {
+    if (no_egl)
+        return;
+    run("shoot ../globe.mnt --path orbit --frame 70 --size 320x200 --store resident -o a.png "
+        "--lod-colors");
+    ck_assert_ptr_nonnull(strstr(output(), "a.png: "));
+    ck_assert_ptr_nonnull(strstr(output(), " triangles, error "));
+    run("shoot ../globe.mnt --path orbit --frame 70 --size 320x200 --store mapped -o b.png "
+        "--lod-colors");
+    uint8_t *a = picture("a.png", 320, 200), *b = picture("b.png", 320, 200);
+    check_globe(a, 320, 200);
+    ck_assert_mem_eq(a, b, 3 * 320 * 200);
+    free(a);
+    free(b);
+}
+END_TEST
+
+START_TEST(looks_differ) {
+    if (no_egl)
+        return;
+    static const char *const looks[] = {"", "--wireframe", "--lod-colors", "--flat"};
+    uint8_t *rgb[4];
+    char arguments[200];
+    for (int i = 0; i < 4; i++) {
+        snprintf(
+            arguments, sizeof arguments,
+            "shoot ../globe.mnt --frame 5 --size 64x48 --tolerance 4 --store resident -o l.png "
+            "%s --json",
+            looks[i]);
+        run(arguments);
+        ck_assert_ptr_nonnull(strstr(output(), "\"gl_rss_bytes\": "));
+        ck_assert_ptr_nonnull(strstr(output(), "\"triangles\": "));
+        rgb[i] = picture("l.png", 64, 48);
+        for (int k = 0; k < i; k++)
+            ck_assert_mem_ne(rgb[i], rgb[k], 3 * 64 * 48);
+    }
+    for (int i = 0; i < 4; i++)
+        free(rgb[i]);
+}
+END_TEST
+
+START_TEST(replays_with_pictures) {
+    if (no_egl)
+        return;
+    run("replay ../globe.mnt --path dive --frames 7 --images frames --images-every 3 "
+        "--size 64x48 --store resident");
+    static const int there[] = {0, 3, 6}, missing[] = {1, 2, 4, 5, 7};
+    char name[96];
+    for (int i = 0; i < 3; i++) {
+        snprintf(name, sizeof name, "frames/frame-%06d.png", there[i]);
+        free(picture(name, 64, 48));
+    }
+    for (int i = 0; i < 5; i++) {
+        snprintf(name, sizeof name, "%s/frames/frame-%06d.png", dir, missing[i]);
+        ck_assert_int_ne(access(name, F_OK), 0);
+    }
+}
+END_TEST
+
+/* Exit code and a word that the one line must have. */
+START_TEST(says_what_is_wrong) {
+    if (no_egl)
+        return;
+    static const struct {
+        const char *arguments, *environment;
+        int code;
+        const char *word;
+    } wrong[] = {
+        {"shoot ../globe.mnt", "", 2, "-o"},
+        {"shoot ../globe.mnt --store resident -o a.png --frame 600", "", 2, "0 to 599"},
+        {"shoot ../globe.mnt -o a.png --frame -1", "", 2, "--frame"},
+        {"shoot -o a.png", "", 2, "FILE"},
+        {"shoot ../globe.mnt --store resident -o a.png --path nowhere", "", 2, "nowhere"},
+        {"shoot nothing.mnt -o a.png", "", 3, "nothing.mnt"},
+        {"shoot ../globe.mnt --store resident -o no/such/a.png --size 8x8", "", 1, "no/such/a.png"},
+        {"shoot ../globe.mnt --store resident -o a.png --size 9999999x1", "", 2, "--size"},
+        {"shoot ../globe.mnt --store resident -o a.png", "METANODE_HELPER_DIR=/nowhere", 6,
+         "/nowhere/metanode-gl.so"},
+        {"shoot ../globe.mnt --store resident -o a.png", "METANODE_EGL=no", 6, "METANODE_EGL"},
+        {"replay ../globe.mnt --path orbit --frames 1 --store resident --images f",
+         "METANODE_HELPER_DIR=/nowhere", 6, "/nowhere/metanode-gl.so"},
+    };
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        const int code = metanode(wrong[i].arguments, wrong[i].environment);
+        const char *said = output();
+        ck_assert_msg(code == wrong[i].code, "%s: %d, not %d: %s", wrong[i].arguments, code,
+                      wrong[i].code, said);
+        ck_assert_msg(strstr(said, wrong[i].word) != NULL, "%s: %s", wrong[i].arguments, said);
+        ck_assert_msg(strchr(said, '\n') == said + strlen(said) - 1, "one line: %s", said);
+    }
+}
+END_TEST
+
+/* Unchecked fixtures: once, in the parent of all tests. */
+static void set_up(void) {
+    const mn_block_desc blocks = {.blocking = MN_BLOCKING_LEVELS, .l = 5};
+    ck_assert_ptr_nonnull(mkdtemp(dir));
+    model_make(&globe, MODEL_GLOBE, 6000, &blocks);
+    ck_assert_int_eq(rename(globe.path, "globe.mnt"), 0);
+    snprintf(globe.path, sizeof globe.path, "globe.mnt");
+    no_egl = metanode("shoot ../globe.mnt --store resident --size 8x8 -o skip.png", "") == 6;
+    if (no_egl)
+        printf("skipped: %s", output());
+}
+
+static void tear_down(void) {
+    char command[64];
+    model_free(&globe);
+    snprintf(command, sizeof command, "rm -r %s", dir);
+    ck_assert_int_eq(system(command), 0);
+}
+
+int main(void) {
+    Suite *suite = suite_create("pictures");
+    TCase *tc = tcase_create("pictures");
+    tcase_set_timeout(tc, 120);
+    tcase_add_unchecked_fixture(tc, set_up, tear_down);
+    tcase_add_test(tc, shoots_the_same_from_every_store);
+    tcase_add_test(tc, looks_differ);
+    tcase_add_test(tc, replays_with_pictures);
+    tcase_add_test(tc, says_what_is_wrong);
+    suite_add_tcase(suite, tc);
+    SRunner *runner = srunner_create(suite);
+    srunner_run_all(runner, CK_ENV);
+    const int failed = srunner_ntests_failed(runner);
+    srunner_free(runner);
+    return no_egl ? 77 : failed != 0; /* 77: meson's word for skipped */
+}

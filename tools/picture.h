@@ -1,0 +1,23 @@
+/* Pictures of a session, without a display. Main thread only. */
+#ifndef METANODE_PICTURE_H
+#define METANODE_PICTURE_H
+
+#include "gl_load.h"
+
+typedef struct picture { /* zeroed: not open */
+    gl_load load;        /* load.rss_bytes is gl_rss_bytes */
+    mn_gl *gl;
+} picture;
+
+/* What a renderer must know of a session before it starts. */
+void picture_desc(const mn_session *session, uint32_t width, uint32_t height, mn_gl_desc *out);
+/* Loads the module and makes a picture of that size for the session's fronts. After the session is
+ * open, so that the driver's memory is not taken for the session's. MN_NO_GRAPHICS and its like. */
+mn_code picture_open(picture *p, const mn_session *session, uint32_t width, uint32_t height,
+                     mn_status *st);
+/* Draws the session's front as the camera sees it and writes a PNG. */
+mn_code picture_write(picture *p, const mn_session *session, const mn_camera *camera,
+                      const mn_gl_look *look, const char *path, mn_status *st);
+void picture_close(picture *p);
+
+#endif
