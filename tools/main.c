@@ -12,6 +12,7 @@ static const cli_command commands[] = {
     {"make", cmd_make, "models of any size: sphere, terrain, isosurface; subdivide"},
     {"compare", cmd_compare, "distance between two meshes"},
     {"replay", cmd_replay, "navigates along a path without a window, with figures"},
+    {"view", cmd_view, "the window"},
     {"shoot", cmd_shoot, "one picture of a path, without a display"},
     {"bench", cmd_bench, "measurements that the documents quote"},
     {NULL, NULL, NULL},

@@ -1,4 +1,4 @@
-/* Goal: shoot and replay --images, as a user runs them: pictures that are whole and the same
+/* Goal: shoot, replay --images and view, as a user runs them: pictures that are whole and the same
  * whatever the store, and one clear line with the right exit where there can be none.
  * Method: the program itself on small models; PNGs read back. Skipped without EGL. */
 #include <check.h>
@@ -162,6 +162,10 @@ START_TEST(says_what_is_wrong) {
         {"shoot ../globe.mnt --store resident -o a.png", "METANODE_EGL=no", 6, "METANODE_EGL"},
         {"replay ../globe.mnt --path orbit --frames 1 --store resident --images f",
          "METANODE_HELPER_DIR=/nowhere", 6, "/nowhere/metanode-gl.so"},
+        {"view ../globe.mnt --store resident", "-u DISPLAY -u WAYLAND_DISPLAY", 6,
+         "metanode shoot"},
+        {"view ../globe.mnt --store resident", "-u WAYLAND_DISPLAY DISPLAY=:987", 6,
+         "metanode shoot"},
     };
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         const int code = metanode(wrong[i].arguments, wrong[i].environment);
