@@ -4,8 +4,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "json.h"
-
 static const char *const metric_names[] = {"qem", "length", NULL};      /* by mn_metric */
 static const char *const blocking_names[] = {"packed", "levels", NULL}; /* by mn_blocking */
 static const char *const weld_names[] = {"on", "off", NULL};            /* by mn_weld */
@@ -167,7 +165,15 @@ mn_code build_block(build_steps *b) {
 
 /* ---- the figures ---------------------------------------------------------------------------- */
 
-static void json_tree(json *j, const mn_tree *t) {
+const char *build_metric_name(mn_metric metric) {
+    return metric_names[metric];
+}
+
+const char *build_blocking_name(mn_blocking blocking) {
+    return blocking_names[blocking];
+}
+
+void build_json_tree(json *j, const mn_tree *t) {
     const mn_intake *in = &t->intake;
     const mn_build_counts *c = &t->counts;
     json_u64(j, "vertices", t->leaves);
@@ -201,7 +207,7 @@ static void report_json(const build_steps *b) {
     bool simplified = t->counts.seconds_simplify > 0, blocked = h->blocks > 0;
     json j;
     json_begin(&j, stdout);
-    json_tree(&j, t);
+    build_json_tree(&j, t);
     if (blocked) {
         json_u64(&j, "block_depth", h->block_depth);
         json_u64(&j, "blocks", h->blocks);

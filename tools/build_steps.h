@@ -3,6 +3,7 @@
 #define METANODE_BUILD_STEPS_H
 
 #include "cli.h"
+#include "json.h"
 #include "metanode/build.h"
 
 typedef struct build_steps {
@@ -35,5 +36,10 @@ mn_code build_simplify(build_steps *b);
 mn_code build_block(build_steps *b);
 /* The figures, on standard output: JSON or a few lines. Frees the tree; returns the exit code. */
 int build_report(build_steps *b);
+
+/* What a tree holds and what the build met, as keys of an open object. */
+void build_json_tree(json *j, const mn_tree *tree);
+const char *build_metric_name(mn_metric metric);
+const char *build_blocking_name(mn_blocking blocking);
 
 #endif

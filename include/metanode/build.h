@@ -119,6 +119,8 @@ void mn_tree_free(mn_tree *tree);
 
 mn_code mn_tree_write(const char *path, const mn_tree *tree, mn_status *st); /* .vdt */
 mn_code mn_tree_read(const char *path, mn_tree *out, mn_status *st);
+/* Does the file begin like a .vdt? false also where it cannot be read. */
+bool mn_tree_is_vdt(const char *path);
 
 /* ---- blocks ------------------------------------------------------------------------------- */
 

@@ -17,8 +17,8 @@ uint64_t mni_tree_build_id(const mn_tree *tree, const mn_block_desc *desc);
 /* Fills box and dive point: the highest vertex along +y (the first of several), with the
  * area-weighted normal of its triangles. */
 void mni_tree_shape(const mn_tree *tree, mn_header *header);
-/* Does the file begin like a .vdt? false also where it cannot be read. */
-bool mni_tree_is_vdt(const char *path);
+/* Collapses of the prefix front with the most triangles that are at most so many. */
+uint32_t mni_tree_prefix(const mn_tree *tree, uint64_t triangles);
 /* Reads and checks a whole .mnt. header (may be NULL) receives its header. */
 mn_code mni_mnt_load(const char *path, mn_tree *out, mn_header *header, mn_status *st);
 

@@ -247,7 +247,7 @@ mn_code mn_tree_read(const char *path, mn_tree *out, mn_status *st) {
     return code;
 }
 
-bool mni_tree_is_vdt(const char *path) {
+bool mn_tree_is_vdt(const char *path) {
     mni_in in;
     char first[sizeof magic] = {0};
     mn_status ignored = {0};
@@ -259,5 +259,5 @@ bool mni_tree_is_vdt(const char *path) {
 }
 
 mn_code mn_tree_load(const char *path, mn_tree *out, mn_status *st) {
-    return mni_tree_is_vdt(path) ? mn_tree_read(path, out, st) : mni_mnt_load(path, out, NULL, st);
+    return mn_tree_is_vdt(path) ? mn_tree_read(path, out, st) : mni_mnt_load(path, out, NULL, st);
 }

@@ -1,0 +1,101 @@
+/* metanode extract: a mesh out of a .mnt or .vdt. Thin over mn_tree_extract. */
+#include "cli.h"
+
+#include <float.h>
+#include <stdio.h>
+
+#include "json.h"
+#include "metanode/build.h"
+
+static const char help[] =
+    "usage: metanode extract FILE (--full | --triangles N | --error E) -o OUT.ply [--json]\n\n"
+    "Writes one level of detail of a .mnt or .vdt as a welded mesh, binary PLY.\n\n"
+    "  --full          the input\n"
+    "  --triangles N   the most detailed step of the simplification with at most N triangles\n"
+    "  --error E       the coarsest front on which no node's switch value exceeds E, a length in\n"
+    "                  model units\n"
+    "  -o FILE         what stood there stays until the new one is whole\n"
+    "  --json          figures as one JSON object\n";
+
+static mn_code extract(const char *in, const char *out, const mn_extract_desc *desc, bool as_json,
+                       mn_status *st) {
+    mn_tree tree;
+    mn_mesh mesh;
+    mn_code code = mn_tree_load(in, &tree, st);
+    if (code != MN_OK)
+        return code;
+    code = mn_tree_extract(&tree, desc, &mesh, NULL, st);
+    mn_tree_free(&tree);
+    if (code != MN_OK)
+        return code;
+    code = mn_mesh_write_ply(out, &mesh, st);
+    if (code == MN_OK && as_json) {
+        json j;
+        json_begin(&j, stdout);
+        json_u64(&j, "vertices", mesh.vertices);
+        json_u64(&j, "triangles", mesh.triangles);
+        json_u64(&j, "file_bytes", cli_file_bytes(out));
+        json_end(&j);
+    } else if (code == MN_OK) {
+        printf("%s: %u vertices, %u triangles\n", out, mesh.vertices, mesh.triangles);
+    }
+    mn_mesh_free(&mesh);
+    return code;
+}
+
+int cmd_extract(int argc, char **argv) {
+    enum { FULL = 256, TRIANGLES, ERROR, JSON };
+    static const struct option options[] = {{"full", no_argument, NULL, FULL},
+                                            {"triangles", required_argument, NULL, TRIANGLES},
+                                            {"error", required_argument, NULL, ERROR},
+                                            {"output", required_argument, NULL, 'o'},
+                                            {"json", no_argument, NULL, JSON},
+                                            {"help", no_argument, NULL, 'h'},
+                                            {0}};
+    mn_extract_desc desc = {0};
+    const char *out = NULL;
+    int option, fronts = 0;
+    bool as_json = false;
+    double error;
+    while ((option = cli_option(argc, argv, "o:h", options)) != -1) {
+        switch (option) {
+        case FULL:
+            desc.what = MN_EXTRACT_FULL;
+            fronts++;
+            break;
+        case TRIANGLES:
+            if (!cli_u64(optarg, 0, UINT64_MAX, &desc.triangles))
+                return cli_error(MN_USAGE, "extract: --triangles '%s' is no whole number", optarg);
+            desc.what = MN_EXTRACT_TRIANGLES;
+            fronts++;
+            break;
+        case ERROR:
+            if (!cli_double(optarg, 0, FLT_MAX, &error))
+                return cli_error(MN_USAGE, "extract: --error '%s' is no length", optarg);
+            desc.what = MN_EXTRACT_ERROR;
+            desc.error = (float)error;
+            fronts++;
+            break;
+        case 'o':
+            out = optarg;
+            break;
+        case JSON:
+            as_json = true;
+            break;
+        case 'h':
+            fputs(help, stdout);
+            return MN_OK;
+        default:
+            return MN_USAGE;
+        }
+    }
+    if (optind + 1 != argc)
+        return cli_error(MN_USAGE, "extract: one file, please; see metanode extract --help");
+    if (fronts != 1)
+        return cli_error(MN_USAGE, "extract: give one of --full, --triangles N, --error E");
+    if (out == NULL)
+        return cli_error(MN_USAGE, "extract: where to? give -o OUT.ply");
+    mn_status st = {0};
+    extract(argv[optind], out, &desc, as_json, &st);
+    return cli_status(&st);
+}

@@ -1,0 +1,135 @@
+/* metanode info: what a .mnt or .vdt says of itself. Thin over mn_header_read and mn_tree_read. */
+#include "build_steps.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "json.h"
+
+static const char help[] =
+    "usage: metanode info FILE [--json]\n\n"
+    "What a .mnt says in its header (one read, however large the file), or what a .vdt holds.\n\n"
+    "  --json          one JSON object; the keys are those of build\n";
+
+static void json_vector(json *j, const char *key, const double *v) {
+    json_open(j, key, '[');
+    for (int i = 0; i < 3; i++)
+        json_f64(j, NULL, v[i]);
+    json_close(j, ']');
+}
+
+static void json_floats(json *j, const char *key, const float *v) {
+    json_vector(j, key, (double[3]){v[0], v[1], v[2]});
+}
+
+static void header_json(const mn_header *h) {
+    char id[24];
+    json j;
+    snprintf(id, sizeof id, "%016llx", (unsigned long long)h->build_id);
+    json_begin(&j, stdout);
+    json_str(&j, "kind", "mnt");
+    json_u64(&j, "version", h->version);
+    json_str(&j, "build_id", id);
+    json_u64(&j, "vertices", h->leaves);
+    json_u64(&j, "triangles", h->triangles);
+    json_u64(&j, "hinges", h->hinges);
+    json_u64(&j, "nodes", h->nodes);
+    json_u64(&j, "roots", h->roots);
+    json_u64(&j, "legal_last", h->legal_last);
+    json_u64(&j, "depth_max", h->depth_max);
+    json_u64(&j, "block_depth", h->block_depth);
+    json_u64(&j, "blocks", h->blocks);
+    json_f64(&j, "fill_mean", h->fill_mean);
+    json_u64(&j, "block_bytes_max", h->block_bytes_max);
+    json_u64(&j, "overflow_max", h->overflow_max);
+    json_u64(&j, "children_max", h->children_max);
+    json_u64(&j, "nodes_per_block_max", h->nodes_per_block_max);
+    json_u64(&j, "file_bytes", h->file_bytes);
+    json_f64(&j, "bytes_per_vertex", (double)h->file_bytes / h->leaves);
+    json_u64(&j, "l", h->l);
+    json_u64(&j, "block_bytes", h->block_bytes);
+    json_str(&j, "metric", build_metric_name(h->metric));
+    json_str(&j, "blocking", build_blocking_name(h->blocking));
+    json_bool(&j, "colors", h->has_colors);
+    json_vector(&j, "origin", h->origin);
+    json_floats(&j, "box_min", h->box_min);
+    json_floats(&j, "box_max", h->box_max);
+    json_floats(&j, "dive_point", h->dive_point);
+    json_floats(&j, "dive_normal", h->dive_normal);
+    json_end(&j);
+}
+
+static void header_text(const char *file, const mn_header *h) {
+    printf("%s: .mnt version %u, build %016llx\n", file, h->version,
+           (unsigned long long)h->build_id);
+    printf("  %u vertices%s, %llu triangles, %u hinges, %u root%s, %u levels, metric %s\n",
+           h->leaves, h->has_colors ? " with colours" : "", (unsigned long long)h->triangles,
+           h->hinges, h->roots, h->roots == 1 ? "" : "s", h->depth_max,
+           build_metric_name(h->metric));
+    printf("  %u blocks (%s", h->blocks, build_blocking_name(h->blocking));
+    if (h->blocking == MN_BLOCKING_LEVELS)
+        printf(", %u levels", h->l);
+    printf("), the longest %u bytes, filled %.1f %%, %u deep, up to %u nodes and %u children\n",
+           h->block_bytes_max, 100 * h->fill_mean, h->block_depth, h->nodes_per_block_max,
+           h->children_max);
+    printf("  box (%g %g %g) to (%g %g %g) about (%.9g %.9g %.9g)\n", h->box_min[0], h->box_min[1],
+           h->box_min[2], h->box_max[0], h->box_max[1], h->box_max[2], h->origin[0], h->origin[1],
+           h->origin[2]);
+    printf("  %llu bytes, %.1f a vertex\n", (unsigned long long)h->file_bytes,
+           (double)h->file_bytes / h->leaves);
+}
+
+static mn_code info_vdt(const char *file, bool as_json, mn_status *st) {
+    mn_tree t;
+    mn_code code = mn_tree_read(file, &t, st);
+    if (code != MN_OK)
+        return code;
+    if (as_json) {
+        json j;
+        json_begin(&j, stdout);
+        json_str(&j, "kind", "vdt");
+        build_json_tree(&j, &t);
+        json_u64(&j, "file_bytes", cli_file_bytes(file));
+        json_str(&j, "metric", build_metric_name(t.metric));
+        json_bool(&j, "colors", t.leaf_color != NULL);
+        json_end(&j);
+    } else {
+        printf(
+            "%s: .vdt: %u vertices%s, %u triangles, %u hinges, %u root%s, %u levels, metric %s\n",
+            file, t.leaves, t.leaf_color != NULL ? " with colours" : "", t.triangles,
+            t.simplices - t.triangles, t.roots, t.roots == 1 ? "" : "s", t.depth_max,
+            build_metric_name(t.metric));
+    }
+    mn_tree_free(&t);
+    return MN_OK;
+}
+
+int cmd_info(int argc, char **argv) {
+    static const struct option options[] = {
+        {"json", no_argument, NULL, 'j'}, {"help", no_argument, NULL, 'h'}, {0}};
+    bool as_json = false;
+    int option;
+    while ((option = cli_option(argc, argv, "h", options)) != -1) {
+        if (option == 'j')
+            as_json = true;
+        else if (option == 'h') {
+            fputs(help, stdout);
+            return MN_OK;
+        } else
+            return MN_USAGE;
+    }
+    if (optind + 1 != argc)
+        return cli_error(MN_USAGE, "info: one file, please; see metanode info --help");
+    const char *file = argv[optind];
+    mn_status st = {0};
+    mn_header header;
+    if (mn_tree_is_vdt(file))
+        info_vdt(file, as_json, &st);
+    else if (mn_header_read(file, &header, &st) == MN_OK) {
+        if (as_json)
+            header_json(&header);
+        else
+            header_text(file, &header);
+    }
+    return cli_status(&st);
+}
