@@ -47,7 +47,9 @@ static void put64(void *bytes, size_t at, uint64_t value) {
 }
 
 static uint64_t checksum(const void *bytes, uint64_t length_bytes) {
-    return XXH3_64bits((const unsigned char *)bytes + AT_BUILD_ID, length_bytes - AT_BUILD_ID);
+    /* The seed is what stands before the checksum, so that it is covered as well. */
+    return XXH3_64bits_withSeed((const unsigned char *)bytes + AT_BUILD_ID,
+                                length_bytes - AT_BUILD_ID, get64(bytes, AT_MAGIC));
 }
 
 static bool table_is_sound(const void *bytes, uint64_t length_bytes, uint64_t file_bytes) {

@@ -4,7 +4,7 @@
  *
  *   0  magic "MNBK"          u32
  *   4  kind                  u32   what the payload is: 1 meta-node, 2 overflow
- *   8  checksum              u64   XXH3-64 of bytes [16, length)
+ *   8  checksum              u64   XXH3-64 of bytes [16, length), its seed bytes [0, 8) as a u64
  *  16  build id              u64
  *  24  id                    u32   offset in the file / 4096
  *  28  pages                 u32   length / 4096
