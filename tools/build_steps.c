@@ -142,6 +142,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
 mn_code build_simplify(build_steps *b) {
     mn_mesh mesh;
     b->read.ram_bytes = b->simplify.ram_bytes = b->ram_bytes;
+    b->read.then_need_bytes = mn_simplify_need_bytes;
     b->read.progress = b->simplify.progress = cli_progress;
     b->read.progress_context = b->simplify.progress_context = &b->meter;
     mn_code code = mn_mesh_read(b->in, &b->read, &mesh, &b->st);

@@ -50,6 +50,10 @@ typedef struct mn_read_desc {
     mn_reader reader;       /* default: ours; .om always goes through OpenMesh's helper */
     uint64_t ram_bytes;     /* memory that reading may take, result included; 0: no bound.
                                Exceeding it is MN_CAP_TOO_SMALL, said before it is allocated */
+    /* What the caller will need for such a mesh afterwards, the mesh included, as
+     * mn_simplify_need_bytes: held against ram_bytes too, so that a refusal comes early and names
+     * a number that works to the end. NULL: nothing. */
+    uint64_t (*then_need_bytes)(uint64_t vertices, uint64_t triangles);
     const char *helper_dir; /* where metanode-openmesh lies; NULL: beside the running program */
     mn_progress progress;
     void *progress_context;

@@ -31,6 +31,7 @@ struct mni_intake {
     bool apart; /* no welding */
     bool soup;
     uint64_t ram_bytes; /* 0: no cap */
+    uint64_t (*then_need_bytes)(uint64_t vertices, uint64_t triangles);
     const char *name;
     mn_status *st;
 
@@ -68,7 +69,11 @@ static uint64_t need_bytes(const mni_intake *intake, uint64_t pushed, uint64_t v
     uint64_t finishing = vertices * sizeof(uint32_t)  /* renumbering */
                          + mni_table_bytes(vertices); /* counting what falls together */
     uint64_t floats = vertices * 3 * sizeof(float);   /* beside the doubles */
-    return mesh + largest(largest(welding, checking), largest(finishing, floats)) + SLACK_BYTES;
+    uint64_t reading =
+        mesh + largest(largest(welding, checking), largest(finishing, floats)) + SLACK_BYTES;
+    uint64_t then =
+        intake->then_need_bytes != NULL ? intake->then_need_bytes(vertices, triangles) : 0;
+    return largest(reading, then);
 }
 
 static void free_arrays(mni_intake *intake) {
@@ -89,7 +94,7 @@ static bool no_memory(mni_intake *intake) {
 /* The cap is too small for `need`. */
 static bool refuse(mni_intake *intake, uint64_t need) {
     mn_fail(intake->st, MN_CAP_TOO_SMALL,
-            "%s: %llu vertices and %llu triangles take %llu bytes to read, the cap is %llu: "
+            "%s: up to %llu vertices and %llu triangles take %llu bytes, the cap is %llu: "
             "--ram %lluM would do",
             intake->name, (unsigned long long)intake->pushed, (unsigned long long)intake->triangles,
             (unsigned long long)need, (unsigned long long)intake->ram_bytes,
@@ -97,21 +102,21 @@ static bool refuse(mni_intake *intake, uint64_t need) {
     return false;
 }
 
-/* Vertices kept apart; with the cap exceeded all of them, in case none are equal. */
-static uint64_t kept(const mni_intake *intake) {
-    return intake->over ? intake->pushed : intake->weld.vertices;
+static void give_up_keeping(mni_intake *intake) {
+    intake->over = true;
+    mni_weld_count_only(&intake->weld);
+    free_arrays(intake);
 }
 
 /* Goes over to counting when what is there now, or is about to be, exceeds the cap. */
 static void check_cap(mni_intake *intake) {
     if (intake->ram_bytes == 0 || intake->over)
         return;
-    uint64_t need =
-        need_bytes(intake, intake->pushed, kept(intake), intake->triangles + CAP_CHECK_EVERY);
+    uint64_t need = need_bytes(intake, intake->pushed, mni_weld_vertices(&intake->weld),
+                               intake->triangles + CAP_CHECK_EVERY);
     if (need <= intake->ram_bytes)
         return;
-    intake->over = true;
-    free_arrays(intake);
+    give_up_keeping(intake);
 }
 
 /* Makes room for one more of `used`. */
@@ -146,6 +151,7 @@ mni_intake *mni_intake_open(const mn_read_desc *desc, bool soup, const char *nam
     intake->apart = desc->weld == MN_WELD_OFF && !soup;
     intake->soup = soup;
     intake->ram_bytes = desc->ram_bytes;
+    intake->then_need_bytes = desc->then_need_bytes;
     intake->name = name;
     intake->st = st;
     mni_weld_open(&intake->weld, intake->apart, soup ? &intake->corner : &intake->welded);
@@ -167,7 +173,7 @@ bool mni_intake_expect(mni_intake *intake, uint64_t vertices, uint64_t triangles
     intake->expected = !intake->soup;
     if (intake->ram_bytes != 0 &&
         need_bytes(intake, vertices, vertices, triangles) > intake->ram_bytes) {
-        intake->over = true;
+        give_up_keeping(intake);
         return true;
     }
     intake->triangles_capacity = triangles;
@@ -206,14 +212,12 @@ bool mni_intake_vertex_color(mni_intake *intake, const double position[3], uint3
         return too_many(intake, intake->pushed + 1, MNI_VERTICES_MAX, "vertices");
     if (intake->pushed % CAP_CHECK_EVERY == 0)
         check_cap(intake);
-    if (!intake->over) {
-        if (!intake->apart && intake->pushed == intake->pushed_capacity &&
-            !grow(intake, (void **)&intake->welded, intake->pushed, &intake->pushed_capacity,
-                  sizeof(uint32_t)))
-            return false;
-        if (!mni_weld_add(&intake->weld, position, rgba, intake->pushed))
-            return no_memory(intake);
-    }
+    if (!intake->over && !intake->apart && intake->pushed == intake->pushed_capacity &&
+        !grow(intake, (void **)&intake->welded, intake->pushed, &intake->pushed_capacity,
+              sizeof(uint32_t)))
+        return false;
+    if (!mni_weld_add(&intake->weld, position, rgba, intake->pushed))
+        return no_memory(intake);
     intake->pushed++;
     return true;
 }
@@ -249,9 +253,9 @@ bool mni_intake_soup_triangle(mni_intake *intake, double corner[3][3]) {
     MN_ASSERT(intake->soup);
     if (!prepare_triangle(intake))
         return false;
-    if (intake->weld.vertices >= MNI_VERTICES_MAX)
+    if (!intake->over && intake->weld.vertices >= MNI_VERTICES_MAX)
         return too_many(intake, intake->weld.vertices + 1, MNI_VERTICES_MAX, "vertices");
-    for (uint32_t i = 0; i < 3 && !intake->over; i++)
+    for (uint32_t i = 0; i < 3; i++)
         if (!mni_weld_add(&intake->weld, corner[i], MNI_WHITE, 3 * intake->triangles + i))
             return no_memory(intake);
     intake->pushed += 3;
@@ -334,12 +338,14 @@ static void reject_single_faces(mni_intake *intake) {
 }
 
 static bool reject_duplicates(mni_intake *intake) {
-    uint64_t need = need_bytes(intake, intake->pushed, kept(intake), intake->triangles);
+    uint64_t need =
+        need_bytes(intake, intake->pushed, mni_weld_vertices(&intake->weld), intake->triangles);
     uint64_t spare = UINT64_MAX, missing = 0;
     if (intake->ram_bytes != 0)
         spare = intake->ram_bytes > need ? intake->ram_bytes - need : 0;
-    mn_code code = mni_faces_filter(intake->corner, &intake->triangles, kept(intake), spare,
-                                    &missing, &intake->counts);
+    mn_code code =
+        mni_faces_filter(intake->corner, &intake->triangles, mni_weld_vertices(&intake->weld),
+                         spare, &missing, &intake->counts);
     if (code == MN_CAP_TOO_SMALL)
         return refuse(intake, largest(need, intake->ram_bytes) + missing);
     return code == MN_OK || no_memory(intake);
@@ -426,11 +432,11 @@ static void as_doubles(const double position[3], const void *context, void *doub
 
 /* Different positions that became the same. */
 static bool count_merged(mni_intake *intake, const double origin[3]) {
-    uint64_t vertices = intake->weld.vertices, apart = vertices, places;
+    uint64_t apart = intake->weld.vertices, places;
     if (intake->apart &&
-        !mni_weld_count(&intake->weld, vertices, as_doubles, NULL, 3 * sizeof(double), &apart))
+        !mni_weld_count_places(&intake->weld, as_doubles, NULL, 3 * sizeof(double), &apart))
         return no_memory(intake);
-    if (!mni_weld_count(&intake->weld, vertices, as_floats, origin, 3 * sizeof(float), &places))
+    if (!mni_weld_count_places(&intake->weld, as_floats, origin, 3 * sizeof(float), &places))
         return no_memory(intake);
     intake->counts.merged_positions = apart - places;
     return true;
@@ -469,11 +475,11 @@ bool mni_intake_finish(mni_intake *intake, mn_mesh *out) {
         return no_memory(intake);
     check_cap(intake);
     if (intake->over)
-        return refuse(intake, need_bytes(intake, intake->pushed, kept(intake),
+        return refuse(intake, need_bytes(intake, intake->pushed, mni_weld_vertices(&intake->weld),
                                          intake->triangles + CAP_CHECK_EVERY));
     mn_intake *counts = &intake->counts;
     counts->input_faces = intake->triangles;
-    counts->welded_vertices = intake->pushed - kept(intake);
+    counts->welded_vertices = intake->pushed - mni_weld_vertices(&intake->weld);
     mni_weld_close_table(&intake->weld);
     reject_single_faces(intake);
     free(intake->welded);

@@ -6,7 +6,8 @@
  *
  *   add -> pending[0 … 31] (slot on its way) -> flush: position on its way -> compare -> number
  *
- * Order: open, reserve?, add …, flush, count?, close. Threads: one. Memory: 28 bytes a vertex (with
+ * Order: open, reserve?, add …, flush, count_places?, close; count_only at any time before flush,
+ * and then only add, vertices and close. Threads: one. Memory: 28 bytes a vertex (with
  * colours) and 10.7 to 16 a vertex for the table until close_table. (design.md §3.1) */
 #include "weld.h"
 
@@ -38,7 +39,10 @@ void mni_weld_close(mni_weld *weld) {
     free(weld->position);
     free(weld->color);
     mni_table_close(&weld->table);
-    *weld = (mni_weld){.apart = weld->apart, .target = weld->target, .seed = weld->seed};
+    weld->position = NULL;
+    weld->color = NULL;
+    weld->capacity = weld->table_capacity = 0;
+    weld->pending_count = 0;
 }
 
 /* ---- room ----------------------------------------------------------------------------------- */
@@ -163,10 +167,40 @@ bool mni_weld_flush(mni_weld *weld) {
     return true;
 }
 
+static void count(mni_weld *weld, const double position[3]) {
+    if (!isnan(position[0]))
+        mni_sketch_add(&weld->sketch, hash_of(weld, position));
+    weld->vertices++;
+}
+
+void mni_weld_count_only(mni_weld *weld) {
+    if (weld->counting)
+        return;
+    uint64_t vertices = weld->vertices;
+    weld->vertices = 0;
+    for (uint64_t v = 0; v < vertices; v++)
+        count(weld, weld->position + 3 * v);
+    for (uint32_t i = 0; i < weld->pending_count; i++)
+        count(weld, weld->pending[i].position);
+    mni_weld_close(weld);
+    weld->counting = true;
+}
+
+uint64_t mni_weld_vertices(const mni_weld *weld) {
+    if (!weld->counting || weld->apart)
+        return weld->vertices;
+    uint64_t bound = mni_sketch_bound(&weld->sketch) + weld->nonfinite;
+    return bound < weld->vertices ? bound : weld->vertices;
+}
+
 bool mni_weld_add(mni_weld *weld, const double position[3], uint32_t rgba, uint64_t target) {
     mni_weld_pending *p = &weld->pending[weld->pending_count];
     memcpy(p->position, position, sizeof p->position);
     weld->nonfinite += !normalise(p->position);
+    if (weld->counting) {
+        count(weld, p->position);
+        return true;
+    }
     if (weld->apart)
         return append(weld, p->position, rgba);
     p->rgba = rgba;
@@ -179,14 +213,14 @@ bool mni_weld_add(mni_weld *weld, const double position[3], uint32_t rgba, uint6
 
 /* ---- counting places ------------------------------------------------------------------------ */
 
-bool mni_weld_count(const mni_weld *weld, uint64_t vertices, mni_weld_key key, const void *context,
-                    size_t key_bytes, uint64_t *places) {
-    MN_ASSERT(key_bytes <= KEY_BYTES_MAX && vertices <= weld->vertices);
+bool mni_weld_count_places(const mni_weld *weld, mni_weld_key key, const void *context,
+                           size_t key_bytes, uint64_t *places) {
+    MN_ASSERT(key_bytes <= KEY_BYTES_MAX);
     mni_table table;
     *places = 0;
-    if (!mni_table_open(&table, vertices))
+    if (!mni_table_open(&table, weld->vertices))
         return false;
-    for (uint64_t v = 0; v < vertices; v++) {
+    for (uint64_t v = 0; v < weld->vertices; v++) {
         unsigned char mine[KEY_BYTES_MAX], theirs[KEY_BYTES_MAX];
         key(weld->position + 3 * v, context, mine);
         uint64_t hash = XXH3_64bits_withSeed(mine, key_bytes, weld->seed);

@@ -302,6 +302,44 @@ START_TEST(cap_names_a_number_that_works) {
 }
 END_TEST
 
+/* A soup's refusal does not count each corner as a vertex: it names hardly more than another's. */
+START_TEST(cap_of_a_soup_is_tight) {
+    unsigned long long take[GRID_FORMATS];
+    for (int format = 0; format < GRID_FORMATS; format++) {
+        size_t size;
+        char *bytes = make_grid((grid_format)format, &size);
+        mn_mesh mesh;
+        mn_status st = {0};
+        const mn_read_desc desc = {.ram_bytes = 1 << 20};
+        ck_assert_int_eq(read_bytes(bytes, size, &desc, &mesh, &st), MN_CAP_TOO_SMALL);
+        take[format] = strtoull(strstr(st.text, "take ") + 5, NULL, 10);
+        free(bytes);
+    }
+    ck_assert_uint_le(take[GRID_STL], take[GRID_OFF] + take[GRID_OFF] / 10);
+}
+END_TEST
+
+static uint64_t then_need(uint64_t vertices, uint64_t triangles) {
+    ck_assert_uint_le(vertices, GRID * GRID + GRID * GRID / 10);
+    return 1000 * vertices + triangles;
+}
+
+START_TEST(cap_counts_what_comes_then) {
+    size_t size;
+    char *bytes = make_grid((grid_format)_i, &size);
+    mn_mesh mesh;
+    mn_status st = {0};
+    mn_read_desc desc = {.ram_bytes = 1000 * GRID * GRID, .then_need_bytes = then_need};
+    ck_assert_int_eq(read_bytes(bytes, size, &desc, &mesh, &st), MN_CAP_TOO_SMALL);
+    desc.ram_bytes = strtoull(strstr(st.text, "--ram ") + 6, NULL, 10) << 20;
+    ck_assert_uint_ge(desc.ram_bytes, then_need(GRID * GRID, GRID_TRIANGLES));
+    st = (mn_status){0};
+    ck_assert_msg(read_bytes(bytes, size, &desc, &mesh, &st) == MN_OK, "%s", st.text);
+    mn_mesh_free(&mesh);
+    free(bytes);
+}
+END_TEST
+
 /* ---- files ---------------------------------------------------------------------------------- */
 
 static void expect_path_refused(const char *path, const char *phrase) {
@@ -396,6 +434,8 @@ int main(void) {
     tcase_add_test(limits, random_meshes);
     tcase_add_test(limits, large_star);
     tcase_add_loop_test(limits, cap_names_a_number_that_works, 0, GRID_FORMATS);
+    tcase_add_test(limits, cap_of_a_soup_is_tight);
+    tcase_add_loop_test(limits, cap_counts_what_comes_then, 0, GRID_FORMATS);
     suite_add_tcase(suite, limits);
     TCase *files = tcase_create("files");
     tcase_add_test(files, what_is_no_file);
