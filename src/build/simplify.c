@@ -53,6 +53,18 @@ static float cost_of(const mni_simplifier *s, uint32_t r, uint32_t k) {
     return (float)(mni_quadric_at(a, b, to) + LENGTH_SHARE * weight * length2);
 }
 
+/* In a large mesh every vertex of a ring is a cache miss, and the misses may as well overlap. */
+static void fetch_ahead(const mni_simplifier *s, uint32_t a, uint32_t b) {
+    __builtin_prefetch(&s->mesh->position[3 * (size_t)a]);
+    __builtin_prefetch(&s->mesh->position[3 * (size_t)b]);
+    if (s->quadric != NULL) {
+        __builtin_prefetch(&s->quadric[a]);
+        __builtin_prefetch((const char *)&s->quadric[a] + 64);
+        __builtin_prefetch(&s->quadric[b]);
+        __builtin_prefetch((const char *)&s->quadric[b] + 64);
+    }
+}
+
 /* Whether k is among the first `count` of list; remembers it there when there is room. */
 static bool met_before(uint32_t *list, uint32_t *count, uint32_t k) {
     for (uint32_t i = 0; i < *count; i++)
@@ -69,6 +81,8 @@ static bool best_candidate(mni_simplifier *s, uint32_t r, const mni_heap_key *af
     uint32_t count, met[MET_MAX], met_count = 0;
     const uint32_t *fan = mni_surface_fan(&s->surface, r, &count);
     bool found = false;
+    for (uint32_t i = 0; i < count && i < MET_MAX; i++)
+        fetch_ahead(s, s->surface.simplex[fan[i]].v[0], s->surface.simplex[fan[i]].v[1]);
     for (uint32_t i = 0; i < count; i++) {
         const mni_simplex *x = &s->surface.simplex[fan[i]];
         for (int c = 0; c < 3; c++) {
@@ -201,6 +215,15 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
         check_order(s, r, mni_heap_key_of(&s->heap, r));
     if (checked || s->stage == 3) /* otherwise the ring is still that of the legality test */
         mni_judge_ring(&s->judge, &s->surface, r);
+    for (uint32_t i = 0; i < s->judge.ring_count; i++) {
+        uint32_t n = s->judge.ring[i].vertex;
+        fetch_ahead(s, n, n);
+        __builtin_prefetch(&s->heap.at[n]);
+        __builtin_prefetch(&s->floor[n]);
+        __builtin_prefetch(&s->surface.fan[n]);
+        __builtin_prefetch(&s->witness.set[n]);
+        __builtin_prefetch(&s->witness.value[n]);
+    }
     if (!mni_surface_collapse(&s->surface, r, k, s->made.count))
         return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
     mni_heap_remove(&s->heap, r);
