@@ -39,6 +39,11 @@ typedef struct candidate {
     uint32_t node, depth;
 } candidate;
 
+/* What a walk over a whole subtree still has before it. */
+typedef struct step {
+    uint32_t node, depth;
+} step;
+
 typedef struct bin {
     mni_tally tally;
     uint64_t weight; /* nodes */
@@ -61,7 +66,7 @@ typedef struct packer {
     uint32_t exits, exits_capacity;
     bin *bin;
     uint32_t bins, bins_capacity;
-    uint32_t *stack; /* for walks over whole small subtrees */
+    step *stack; /* at most an entry a level and one: whole subtrees are MNI_BLOCK_DEPTH_MAX deep */
 } packer;
 
 static mn_code no_memory(packer *p) {
@@ -125,9 +130,10 @@ static bool tally_add_whole(packer *p, mni_tally *tally, const mni_plan_root *ro
         return false;
     mni_plan_subtree(p->plan, root, &record);
     mni_tally_subtree(tally, &record);
-    p->stack[waiting++] = root->node;
+    p->stack[waiting++] = (step){root->node, 0};
     while (waiting > 0) {
-        uint32_t node = p->stack[--waiting];
+        step from = p->stack[--waiting];
+        uint32_t node = from.node;
         if (overflows(p, node))
             return false; /* rare: let it be filled node by node, where references are counted */
         tally_add(p, tally, node, node != root->node);
@@ -135,9 +141,9 @@ static bool tally_add_whole(packer *p, mni_tally *tally, const mni_plan_root *ro
             uint32_t child = mni_plan_child(t, node, side);
             if (child == MN_NONE)
                 continue;
-            if (waiting >= MNI_BLOCK_DEPTH_MAX)
+            if (from.depth + 1 >= MNI_BLOCK_DEPTH_MAX)
                 return false;
-            p->stack[waiting++] = child;
+            p->stack[waiting++] = (step){child, from.depth + 1};
         }
         if (tally->nodes % 16 == 0) { /* without exits, which come and go, it only grows */
             mni_tally least = *tally;
@@ -195,14 +201,14 @@ static mn_code push_children(packer *p, uint32_t node, uint32_t depth) {
 
 static void take_whole(packer *p, uint32_t block, uint32_t root) {
     uint32_t waiting = 0;
-    p->stack[waiting++] = root;
+    p->stack[waiting++] = (step){root, 0};
     while (waiting > 0) {
-        uint32_t node = p->stack[--waiting];
+        uint32_t node = p->stack[--waiting].node;
         p->plan->block_of[node] = block;
         for (uint32_t side = 2; side-- > 0;) {
             uint32_t child = mni_plan_child(p->plan->tree, node, side);
             if (child != MN_NONE)
-                p->stack[waiting++] = child;
+                p->stack[waiting++] = (step){child, 0};
         }
     }
 }
@@ -497,7 +503,7 @@ mn_code mni_plan_packed(mni_plan *plan, mn_status *st) {
                 .st = st,
                 .limit = plan->desc->block_bytes - MNI_BLOCK_TAIL_BYTES,
                 .node_bytes = START_NODE_BYTES};
-    p.stack = malloc(sizeof *p.stack * (MNI_BLOCK_NODES_MAX + 1));
+    p.stack = malloc(sizeof *p.stack * (MNI_BLOCK_DEPTH_MAX + 2));
     mn_code code = p.stack == NULL ? no_memory(&p) : pack_all(&p);
     free(p.stack);
     free(p.heap);

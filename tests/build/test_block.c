@@ -81,6 +81,22 @@ START_TEST(a_thick_edge_overflows) {
 }
 END_TEST
 
+/* The pages of a book collapse one after the other: a subtree small enough for a block, but deeper
+ * than a block may be. */
+START_TEST(a_chain_is_cut_by_its_depth) {
+    mn_mesh mesh;
+    mn_tree tree;
+    mn_header h;
+    fixture_book(700, &mesh);
+    fixture_tree(&mesh, &tree);
+    ck_assert_uint_gt(tree.depth_max, 256);
+    round_trip(&tree, &(mn_block_desc){.block_bytes = 1 << 20}, &h);
+    ck_assert_uint_ge(h.block_depth, 2);
+    mn_tree_free(&tree);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
 int main(void) {
     Suite *s = suite_create("block");
     TCase *t = tcase_create("policies");
@@ -88,6 +104,7 @@ int main(void) {
     tcase_add_loop_test(t, levels_keep_the_tree, 0, 4);
     tcase_add_loop_test(t, packed_keeps_the_tree, 0, 4);
     tcase_add_test(t, a_thick_edge_overflows);
+    tcase_add_test(t, a_chain_is_cut_by_its_depth);
     suite_add_tcase(s, t);
     SRunner *r = srunner_create(s);
     srunner_run_all(r, CK_NORMAL);
