@@ -18,7 +18,7 @@
 #include "navigate.h"
 #include "store.h"
 
-/* Measured: a replay of this program (libc, liburing, zstd, xxHash; two threads; uring) has 2.4 MB
+/* Measured: a replay of this program (libc, liburing, zstd, xxHash; two threads; uring) has 2.3 MB
  * resident before it opens a session, and the arena's page tables, the second stack and the rings
  * add 0.3. The rest is for what differs between machines. */
 #define BASE_BYTES (UINT64_C(3584) << 10)
@@ -26,6 +26,7 @@
 enum {
     FRONT_MIN = 1536,         /* active nodes below which a picture is not worth having */
     FRONT_FREE_MAX = 1 << 20, /* active nodes without a cap */
+    FRONT_SHARE = 3,          /* the front gets up to a third of what the base leaves */
     K_SPARE = 4,              /* holders beyond one a block: for rules that keep one free */
     SIMPLICES_EXTRA = 1024,   /* beyond 9/4 a node: fronts with many hinges or fins */
 };
@@ -68,16 +69,38 @@ static uint64_t paged_bytes(const mn_header *header, uint32_t count) {
 }
 
 /* The largest count in [lo, hi] whose bytes are at most room; lo where none is. */
-static uint32_t largest(const mn_header *header, uint64_t (*bytes)(const mn_header *, uint32_t),
-                        uint32_t lo, uint32_t hi, uint64_t room) {
+typedef struct span {
+    uint32_t least, most;
+} span;
+typedef uint64_t (*bytes_for)(const mn_header *header, uint32_t count, const span *front);
+static uint32_t largest(const mn_header *header, bytes_for bytes, const span *front, uint32_t lo,
+                        uint32_t hi, uint64_t room) {
     while (lo < hi) {
         uint32_t mid = lo + (hi - lo + 1) / 2;
-        if (bytes(header, mid) <= room)
+        if (bytes(header, mid, front) <= room)
             lo = mid;
         else
             hi = mid - 1;
     }
     return lo;
+}
+
+static uint64_t front_alone(const mn_header *header, uint32_t nodes, const span *front) {
+    (void)front;
+    return front_bytes(header, nodes);
+}
+
+static uint64_t pool_alone(const mn_header *header, uint32_t k, const span *front) {
+    (void)front;
+    return paged_bytes(header, k);
+}
+
+/* K holders with the front that they can feed: no more active nodes than so many blocks have
+ * leaves. With `levels`, whose blocks hold few nodes, that is less than its share. */
+static uint64_t pool_and_front(const mn_header *header, uint32_t k, const span *front) {
+    uint64_t fed = (uint64_t)k * (header->leaves / (header->blocks + 1) + 1);
+    fed = fed < front->least ? front->least : fed > front->most ? front->most : fed;
+    return paged_bytes(header, k) + front_bytes(header, (uint32_t)fed);
 }
 
 static void fill(mn_plan *plan, const mn_header *header) {
@@ -96,7 +119,7 @@ static void plan_free(const mni_plan_desc *desc, const mn_header *header, uint32
     plan->k = k_least;
     plan->front_max = front_most;
     if (desc->k == MN_K_FROM_RAM)
-        plan->k = largest(header, paged_bytes, k_least, k_most, POOL_FREE_BYTES);
+        plan->k = largest(header, pool_alone, NULL, k_least, k_most, POOL_FREE_BYTES);
     if (desc->k == MN_K_MIN)
         plan->front_max = front_least;
 }
@@ -106,15 +129,13 @@ static void plan_capped(const mni_plan_desc *desc, const mn_header *header, uint
     uint64_t room = desc->ram_bytes - plan->base_bytes;
     plan->k = k_least;
     if (desc->k == MN_K_FROM_RAM) {
-        uint64_t least = front_bytes(header, front_least);
-        uint64_t share = room / 3 > least ? room / 3 : least;
-        uint64_t beside = room - paged_bytes(header, k_least);
-        uint32_t front =
-            largest(header, front_bytes, front_least, front_most, share < beside ? share : beside);
-        plan->k = largest(header, paged_bytes, k_least, k_most, room - front_bytes(header, front));
+        uint32_t share =
+            largest(header, front_alone, NULL, front_least, front_most, room / FRONT_SHARE);
+        span front = {front_least, share};
+        plan->k = largest(header, pool_and_front, &front, k_least, k_most, room);
     }
-    plan->front_max =
-        largest(header, front_bytes, front_least, front_most, room - paged_bytes(header, plan->k));
+    plan->front_max = largest(header, front_alone, NULL, front_least, front_most,
+                              room - paged_bytes(header, plan->k));
 }
 
 mn_code mni_plan_make(const mni_plan_desc *desc, const mn_header *header, mn_plan *out,
