@@ -1,0 +1,152 @@
+/* Goal: a written file appears whole or not at all, and trouble is said in the right class.
+ * Method: files in a directory of our own; a full disk is played by /dev/full's kin, RLIMIT_FSIZE.
+ */
+#include <check.h>
+#include <dirent.h>
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "file.h"
+
+static char directory[64];
+
+static void setup(void) {
+    strcpy(directory, "/tmp/mn-file-XXXXXX");
+    ck_assert_ptr_nonnull(mkdtemp(directory));
+    ck_assert_int_eq(chdir(directory), 0);
+}
+
+static uint32_t entries(void) {
+    uint32_t count = 0;
+    DIR *dir = opendir(directory);
+    for (const struct dirent *entry; (entry = readdir(dir)) != NULL;)
+        count += strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0;
+    closedir(dir);
+    return count;
+}
+
+static void teardown(void) {
+    unlink("out");
+    unlink("link");
+    unlink("big");
+    rmdir("dir");
+    ck_assert_uint_eq(entries(), 0); /* nothing temporary is left */
+    ck_assert_int_eq(rmdir(directory), 0);
+}
+
+static void write_all(const char *path, size_t count, mn_code expect) {
+    unsigned char *bytes = malloc(count);
+    mn_status st = {0};
+    mni_out out;
+    for (size_t i = 0; i < count; i++)
+        bytes[i] = (unsigned char)(i * 7 + i / 256);
+    ck_assert_int_eq(mni_out_open(&out, path, &st), MN_OK);
+    for (size_t at = 0, step = 1; at < count; at += step, step = 1 + (step * 3) % 70000)
+        (void)mni_out_write(&out, bytes + at, at + step < count ? step : count - at, &st);
+    ck_assert_uint_eq(expect == MN_OK ? mni_out_at(&out) : count, count);
+    (void)mni_out_write_at(&out, 0, "head", 4, &st);
+    ck_assert_int_eq(mni_out_commit(&out, &st), expect);
+    ck_assert_int_eq(st.code, expect);
+    mni_out_abort(&out); /* harmless */
+    free(bytes);
+}
+
+START_TEST(appears_whole) {
+    enum { COUNT = 1000000 };
+    write_all("out", COUNT, MN_OK);
+    write_all("out", COUNT, MN_OK); /* over the old one */
+    mni_in in;
+    mn_status st = {0};
+    unsigned char *bytes = malloc(COUNT + 10);
+    ck_assert_int_eq(mni_in_open(&in, "out", &st), MN_OK);
+    ck_assert_uint_eq(in.size_bytes, COUNT);
+    ck_assert_int_eq(mni_in_read(&in, 0, bytes, COUNT + 10), COUNT);
+    ck_assert_mem_eq(bytes, "head", 4);
+    for (int i = 4; i < COUNT; i++)
+        ck_assert_uint_eq(bytes[i], (unsigned char)(i * 7 + i / 256));
+    ck_assert_int_eq(mni_in_read(&in, COUNT - 5, bytes, 10), 5);
+    ck_assert_int_eq(mni_in_read(&in, COUNT + 5, bytes, 10), 0);
+    mni_in_close(&in);
+    free(bytes);
+}
+END_TEST
+
+START_TEST(abort_leaves_the_old_one) {
+    write_all("out", 100, MN_OK);
+    mni_out out;
+    ck_assert_int_eq(mni_out_open(&out, "out", NULL), MN_OK);
+    ck_assert_int_eq(mni_out_write(&out, "x", 1, NULL), MN_OK);
+    ck_assert_uint_eq(entries(), 2);
+    mni_out_abort(&out);
+    struct stat info;
+    ck_assert_int_eq(stat("out", &info), 0);
+    ck_assert_int_eq(info.st_size, 100);
+    memset(&out, 0, sizeof out);
+    mni_out_abort(&out);
+}
+END_TEST
+
+START_TEST(follows_links) {
+    write_all("out", 10, MN_OK);
+    ck_assert_int_eq(symlink("out", "link"), 0);
+    write_all("link", 20, MN_OK);
+    struct stat info;
+    ck_assert_int_eq(lstat("link", &info), 0);
+    ck_assert(S_ISLNK(info.st_mode));
+    ck_assert_int_eq(stat("out", &info), 0);
+    ck_assert_int_eq(info.st_size, 20);
+}
+END_TEST
+
+START_TEST(refuses_what_is_no_file) {
+    mni_out out;
+    mni_in in;
+    mn_status st = {0};
+    ck_assert_int_eq(mkdir("dir", 0777), 0);
+    ck_assert_int_eq(mni_out_open(&out, "dir", &st), MN_FAILED);
+    st.code = MN_OK;
+    ck_assert_int_eq(mni_out_open(&out, "/dev/null", &st), MN_FAILED);
+    st.code = MN_OK;
+    ck_assert_int_eq(mni_out_open(&out, "nowhere/out", &st), MN_FAILED);
+    ck_assert_ptr_nonnull(strstr(st.text, "nowhere/out"));
+    st.code = MN_OK;
+    ck_assert_int_eq(mni_in_open(&in, "dir", &st), MN_BAD_INPUT);
+    st.code = MN_OK;
+    ck_assert_int_eq(mni_in_open(&in, "none", &st), MN_BAD_INPUT);
+    st.code = MN_OK;
+    ck_assert_int_eq(mni_in_open(&in, "/dev/zero", &st), MN_BAD_INPUT);
+}
+END_TEST
+
+/* A write that fails: nothing is left, the status says so, and later calls are harmless. */
+START_TEST(a_failed_write_leaves_nothing) {
+    struct rlimit limit = {300000, 300000};
+    signal(SIGXFSZ, SIG_IGN);
+    ck_assert_int_eq(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    write_all("big", 1000000, MN_FAILED);
+    ck_assert_uint_eq(entries(), 0);
+}
+END_TEST
+
+int main(void) {
+    Suite *suite = suite_create("file");
+    TCase *tests = tcase_create("file");
+    tcase_add_checked_fixture(tests, setup, teardown);
+    tcase_add_test(tests, appears_whole);
+    tcase_add_test(tests, abort_leaves_the_old_one);
+    tcase_add_test(tests, follows_links);
+    tcase_add_test(tests, refuses_what_is_no_file);
+    tcase_add_test(tests, a_failed_write_leaves_nothing);
+    suite_add_tcase(suite, tests);
+    SRunner *runner = srunner_create(suite);
+    srunner_run_all(runner, CK_ENV);
+    int failed = srunner_ntests_failed(runner);
+    srunner_free(runner);
+    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+}
