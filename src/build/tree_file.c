@@ -217,6 +217,14 @@ static mn_code read_all(const mni_in *in, const char *path, mn_tree *out, mn_sta
     for (int i = 0; i < SECTIONS && code == MN_OK; i++) {
         code =
             read_bytes(in, path, h.section[i].offset, s[i].data, s[i].bytes, section_name[i], st);
+        char padding[8] = {0};
+        if (code == MN_OK)
+            code = read_bytes(in, path, h.section[i].offset + s[i].bytes, padding,
+                              (8 - s[i].bytes % 8) % 8, section_name[i], st);
+        for (size_t k = 0; k < sizeof padding && code == MN_OK; k++)
+            if (padding[k] != 0)
+                code = mn_fail(st, MN_BAD_INPUT, "%s: %s: its padding is not zero; simplify again",
+                               path, section_name[i]);
         if (code == MN_OK && XXH3_64bits(s[i].data, s[i].bytes) != h.section[i].checksum)
             code = mn_fail(st, MN_BAD_INPUT,
                            "%s: %s (at byte %llu): checksum does not match; simplify again", path,

@@ -1,0 +1,226 @@
+/* Goal: what goes into columns comes out, at every width, and a block's tally is its true size.
+ * Method: columns of random values at all widths; one-node blocks of extreme values by hand; chains
+ * at the depth limit and beyond. (Whole trees: build/test_block.) */
+#include <check.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "block_layout.h"
+#include "frame.h"
+
+static uint64_t state;
+static uint32_t draw(void) {
+    state = state * 6364136223846793005u + 1442695040888963407u;
+    return (uint32_t)(state >> 32);
+}
+
+static void seed(void) {
+    const char *given = getenv("MN_SEED");
+    state = given != NULL ? strtoull(given, NULL, 10) : 1;
+    printf("seed %llu\n", (unsigned long long)state);
+}
+
+START_TEST(every_width_round_trips) {
+    enum { ROWS = 301 };
+    uint32_t width = (uint32_t)_i, value[ROWS];
+    size_t bytes = mni_column_bytes(ROWS, width) + MNI_BLOCK_TAIL_BYTES;
+    uint8_t *bits = calloc(bytes, 1); /* of its exact size, so that a sanitizer sees any more */
+    uint32_t base = draw();
+    for (uint32_t i = 0; i < ROWS; i++) {
+        uint32_t above = width == 0 ? 0 : draw() >> (32 - width);
+        if (i == 0 && width > 0)
+            above = UINT32_MAX >> (32 - width);
+        value[i] = base + above; /* may wrap */
+        mni_column_put(bits, width, i, above);
+    }
+    mni_column column = {bits, width, base};
+    for (uint32_t i = 0; i < ROWS; i++)
+        ck_assert_uint_eq(mni_column_get(&column, i), value[i]);
+    for (size_t i = bytes - MNI_BLOCK_TAIL_BYTES; i < bytes; i++)
+        ck_assert_uint_eq(bits[i], 0);
+    free(bits);
+}
+END_TEST
+
+START_TEST(float_codes_keep_order_and_bits) {
+    const float some[] = {-3e38f, -1, -1e-40f, -0.0f, 0.0f, 1e-40f, 1, 3e38f};
+    for (size_t i = 0; i < sizeof some / sizeof some[0]; i++) {
+        ck_assert_uint_eq(mni_float_bits(mni_float_unordered(mni_float_ordered(some[i]))),
+                          mni_float_bits(some[i]));
+        if (i > 0)
+            ck_assert_uint_lt(mni_float_ordered(some[i - 1]), mni_float_ordered(some[i]));
+    }
+}
+END_TEST
+
+/* ---- blocks by hand ------------------------------------------------------------------------- */
+
+static const mni_block_limits limits = {.leaves = 2000, .nodes = 3999, .file_bytes = 1 << 22};
+
+/* A chain: node i has leaf hi - 1 - i … on its right; `nodes` of them, all leaves on the right. */
+static mni_node chain_node(uint32_t i, uint32_t nodes) {
+    mni_node n = {
+        .order = 3998 - i,
+        .leaf_mid = nodes - i,
+        .switch_value = (float)(nodes - i),
+        .radius = 10,
+        .right_position = {1, 2, 3},
+        .right_color = UINT32_MAX,
+        .left = {i + 1 < nodes ? MNI_CHILD_INNER : MNI_CHILD_LEAF, i + 1, MN_NONE, MN_NONE},
+        .right = {MNI_CHILD_LEAF, MN_NONE, MN_NONE, MN_NONE},
+        .simplex_count = 1,
+        .overflow_ref = MN_NONE};
+    return n;
+}
+
+static uint32_t encode_chain(unsigned char *bytes, uint32_t length, uint32_t nodes) {
+    mni_tally tally;
+    mni_encoder encoder;
+    mni_subtree top = {.node = 0,
+                       .leaf_lo = 0,
+                       .leaf_hi = nodes + 1,
+                       .position = {1, 2, 3},
+                       .color = UINT32_MAX,
+                       .parent_order = MN_NONE};
+    mni_tally_init(&tally, false);
+    mni_tally_subtree(&tally, &top);
+    for (uint32_t i = 0; i < nodes; i++) {
+        mni_node n = chain_node(i, nodes);
+        mni_tally_node(&tally, &n);
+        mni_tally_simplex(&tally, (uint32_t[3]){0, nodes - i, MN_NONE});
+    }
+    uint64_t end = mni_tally_bytes(&tally, 0);
+    ck_assert_uint_le(end + MNI_BLOCK_TAIL_BYTES, length);
+    mni_encoder_begin(&encoder, bytes, length, &tally, 0);
+    mni_encoder_subtree(&encoder, &top);
+    for (uint32_t i = 0; i < nodes; i++) {
+        mni_node n = chain_node(i, nodes);
+        mni_encoder_node(&encoder, &n);
+        mni_encoder_simplex(&encoder, (uint32_t[3]){0, nodes - i, MN_NONE});
+    }
+    mni_encoder_end(&encoder);
+    mni_frame frame = {.kind = MNI_FRAME_METANODE, .payload_bytes = (uint32_t)end};
+    mni_frame_seal(bytes, &frame, (mn_block_ref){1, length / MN_PAGE_BYTES}, 77);
+    return (uint32_t)end;
+}
+
+START_TEST(a_chain_may_be_so_deep_and_no_deeper) {
+    enum { LENGTH = 65536 };
+    unsigned char *bytes = malloc(LENGTH);
+    for (uint32_t nodes = 1; nodes <= MNI_BLOCK_DEPTH_MAX + 1; nodes++) {
+        char why[100] = "";
+        mni_block view, again;
+        encode_chain(bytes, LENGTH, nodes);
+        bool fine = mni_block_open(&view, bytes, LENGTH, &limits, why, sizeof why);
+        ck_assert_msg(fine == (nodes <= MNI_BLOCK_DEPTH_MAX), "%u nodes: %s", nodes, why);
+        if (!fine)
+            continue;
+        mni_block_reopen(&again, bytes);
+        ck_assert_uint_eq(again.nodes, nodes);
+        for (uint32_t i = 0; i < nodes; i++) {
+            mni_node n, wanted = chain_node(i, nodes);
+            uint32_t corner[3];
+            mni_block_node(&again, i, &n);
+            ck_assert_uint_eq(n.order, wanted.order);
+            ck_assert_uint_eq(n.leaf_mid, wanted.leaf_mid);
+            ck_assert_float_eq(n.switch_value, wanted.switch_value);
+            ck_assert_float_eq(n.right_position[2], 3);
+            ck_assert_uint_eq(n.right_color, UINT32_MAX);
+            ck_assert_int_eq(n.left.kind, wanted.left.kind);
+            ck_assert_uint_eq(n.simplex_first, i);
+            ck_assert_uint_eq(n.simplex_count, 1);
+            ck_assert_uint_eq(n.overflow_ref, MN_NONE);
+            mni_block_simplex(&again, i, corner);
+            ck_assert_uint_eq(corner[0], 0);
+            ck_assert_uint_eq(corner[1], nodes - i);
+            ck_assert_uint_eq(corner[2], MN_NONE);
+        }
+    }
+    free(bytes);
+}
+END_TEST
+
+START_TEST(bounds_of_the_file_are_respected) {
+    enum { LENGTH = 8192 };
+    static unsigned char bytes[LENGTH];
+    mni_block view;
+    mni_block_limits tight = limits;
+    encode_chain(bytes, LENGTH, 20);
+    ck_assert(mni_block_open(&view, bytes, LENGTH, &tight, NULL, 0));
+    tight.leaves = 20; /* 21 are used */
+    ck_assert(!mni_block_open(&view, bytes, LENGTH, &tight, NULL, 0));
+    tight = limits;
+    tight.nodes = 3998;
+    ck_assert(!mni_block_open(&view, bytes, LENGTH, &tight, NULL, 0));
+    tight = limits;
+    tight.has_colors = true;
+    ck_assert(!mni_block_open(&view, bytes, LENGTH, &tight, NULL, 0));
+}
+END_TEST
+
+/* A length that cuts the block: never sound, never read beyond (a sanitizer sees to that). */
+START_TEST(a_cut_block_is_refused) {
+    enum { LENGTH = 4096 };
+    unsigned char whole[LENGTH];
+    uint32_t end = encode_chain(whole, LENGTH, 30);
+    for (uint32_t length = MNI_FRAME_BYTES; length < end + MNI_BLOCK_TAIL_BYTES; length++) {
+        unsigned char *cut = malloc(length);
+        mni_block view;
+        memcpy(cut, whole, length);
+        ck_assert(!mni_block_open(&view, cut, length, &limits, NULL, 0));
+        free(cut);
+    }
+}
+END_TEST
+
+START_TEST(overflow_blocks_hold_what_fits) {
+    enum { COUNT = 5000, LENGTH = 8192 };
+    static uint32_t corner[3 * COUNT];
+    static unsigned char bytes[LENGTH];
+    for (uint32_t i = 0; i < COUNT; i++) {
+        corner[3 * i] = draw() % 50;
+        corner[3 * i + 1] = 50 + draw() % 50;
+        corner[3 * i + 2] = i % 7 == 0 ? MN_NONE : 100 + draw() % 1900;
+    }
+    mni_overflow head = {.order = 2500, .leaf_lo = 0, .leaf_mid = 50, .leaf_hi = 100};
+    uint32_t fit = mni_overflow_fit(corner, COUNT, LENGTH);
+    ck_assert_uint_gt(fit, LENGTH / 12);
+    ck_assert_uint_lt(fit, COUNT);
+    uint32_t end = mni_overflow_encode(bytes, LENGTH, 1, &head, corner, fit);
+    ck_assert_uint_eq(end, mni_overflow_bytes(corner, fit, 1));
+    ck_assert_uint_gt(mni_overflow_bytes(corner, fit + 1, 1), LENGTH - MNI_BLOCK_TAIL_BYTES);
+    mni_frame frame = {.kind = MNI_FRAME_OVERFLOW, .refs = 1, .payload_bytes = end};
+    mni_frame_set_ref(bytes, 0, (mn_block_ref){9, 1});
+    mni_frame_seal(bytes, &frame, (mn_block_ref){5, 2}, 77);
+    mni_overflow view;
+    char why[100] = "";
+    ck_assert_msg(mni_overflow_open(&view, bytes, LENGTH, &limits, why, sizeof why), "%s", why);
+    ck_assert_uint_eq(view.simplices, fit);
+    ck_assert_uint_eq(view.leaf_mid, 50);
+    for (uint32_t i = 0; i < fit; i++) {
+        uint32_t got[3];
+        mni_overflow_simplex(&view, i, got);
+        ck_assert(memcmp(got, corner + 3 * i, sizeof got) == 0);
+    }
+    mni_block meta;
+    ck_assert(!mni_block_open(&meta, bytes, LENGTH, &limits, NULL, 0)); /* another kind */
+}
+END_TEST
+
+int main(void) {
+    Suite *s = suite_create("block codec");
+    TCase *t = tcase_create("codec");
+    tcase_add_unchecked_fixture(t, seed, NULL);
+    tcase_add_loop_test(t, every_width_round_trips, 0, 33);
+    tcase_add_test(t, float_codes_keep_order_and_bits);
+    tcase_add_test(t, a_chain_may_be_so_deep_and_no_deeper);
+    tcase_add_test(t, bounds_of_the_file_are_respected);
+    tcase_add_test(t, a_cut_block_is_refused);
+    tcase_add_test(t, overflow_blocks_hold_what_fits);
+    suite_add_tcase(s, t);
+    SRunner *r = srunner_create(s);
+    srunner_run_all(r, CK_NORMAL);
+    int failed = srunner_ntests_failed(r);
+    srunner_free(r);
+    return failed != 0;
+}
