@@ -29,7 +29,7 @@ const char mni_shader_surface_vertex[] =
     "    v_normal = view * normal.xyz;\n"
     "    v_color = vec3(0.60, 0.54, 0.47);\n"
     "    if (paint == 1)\n"
-    "        v_color = pow(color.rgb, vec3(2.2));\n"
+    "        v_color = 0.8 * pow(color.rgb, vec3(2.2));\n"
     "    if (paint == 2) {\n" /* 1e-4 … 1e-1 of the radius */
     "        float e = log2(max(switch_value * inv_radius, 1e-4)) * 0.30103;\n"
     "        v_color = pow(ramp(clamp((e + 4.0) * 0.3333, 0.0, 1.0)), vec3(1.6));\n"
@@ -42,9 +42,12 @@ const char mni_shader_surface_vertex[] =
     "    vec3 n = cross(dFdx(at), dFdy(at));\n" /* the triangle's own, towards the eye */          \
     "    n = dot(n, n) > 0.0 ? normalize(n) : vec3(0.0, 0.0, 1.0);\n"                              \
     "    if (dot(n, at) > 0.0) n = -n;\n"                                                          \
-    "    if (flat_shading || dot(smooth_normal, smooth_normal) < 1e-6) return n;\n"                \
-    "    vec3 s = normalize(front ? smooth_normal : -smooth_normal);\n"                            \
-    "    return normalize(mix(n, s, smoothstep(0.3, 0.8, dot(n, s))));\n"                          \
+    "    if (flat_shading || dot(smooth_normal, smooth_normal) < 1e-4) return n;\n"                \
+    "    vec3 v = -normalize(at), s = normalize(smooth_normal);\n"                                 \
+    "    if (!front && dot(s, v) < 0.2) s = -s;\n"                                                 \
+    "    float agree = dot(n, s);\n"                                                               \
+    "    s = mix(s, n, smoothstep(0.25, 0.45, agree) * (1.0 - smoothstep(0.6, 0.85, agree)));\n"   \
+    "    return normalize(s + v * max(0.05 - dot(s, v), 0.0));\n"                                  \
     "}\n"                                                                                          \
     "float lobe(vec3 n, vec3 l, vec3 v, float power) {\n"                                          \
     "    return pow(max(dot(n, normalize(l + v)), 0.0), power);\n"                                 \
@@ -60,8 +63,9 @@ const char mni_shader_surface_vertex[] =
     "    return albedo * light + vec3(shine + rim);\n"                                             \
     "}\n"
 
-/* Two-sided: open meshes show their backs. Where the smooth normal is far from the triangle's own
- * (a crease, a coarse front, neighbours wound against each other) the latter takes over. */
+/* Two-sided: open meshes show their backs. Creases are kept: where the smooth normal is 30 to 75
+ * degrees off the triangle's own, the latter takes over. Further off, the triangle is a sliver on
+ * edge or folded over, as coarse fronts have them, and is lit as its neighbours are. */
 const char mni_shader_surface_fragment[] =
     "#version 330 core\n"
     "in vec3 v_at;\n"
