@@ -246,8 +246,7 @@ static void finish(replay *r) {
     f->allocations_after_seal = cli_alloc_since_mark();
     f->has_gl = r->images_dir != NULL;
     f->gl_rss_bytes = r->picture.load.rss_bytes;
-    uint64_t peak = cli_rss_peak_bytes();
-    f->rss_peak_bytes = peak > f->gl_rss_bytes ? peak - f->gl_rss_bytes : peak;
+    f->rss_peak_bytes = f->has_gl ? r->picture.load.own_peak_bytes : cli_rss_peak_bytes();
     f->store = r->options.desc.store;
     f->l = mn_session_header(r->session)->l;
     f->block_bytes_max = mn_session_header(r->session)->block_bytes_max;

@@ -105,7 +105,6 @@ static void report(const shoot *s, const mn_session *session, const picture *p,
     }
     json j;
     mn_plan plan;
-    const uint64_t peak = cli_rss_peak_bytes();
     mn_session_plan(session, &plan);
     json_begin(&j, stdout);
     json_str(&j, "picture", s->out);
@@ -120,7 +119,7 @@ static void report(const shoot *s, const mn_session *session, const picture *p,
     json_u64(&j, "settle_frames", settle_frames);
     json_u64(&j, "ram_cap_bytes", plan.ram_cap_bytes);
     json_u64(&j, "ram_planned_bytes", plan.planned_bytes);
-    json_u64(&j, "rss_peak_bytes", peak > p->load.rss_bytes ? peak - p->load.rss_bytes : peak);
+    json_u64(&j, "rss_peak_bytes", p->load.own_peak_bytes);
     json_u64(&j, "gl_rss_bytes", p->load.rss_bytes);
     json_str(&j, "gl_driver", p->load.api->driver(p->gl));
     json_end(&j);

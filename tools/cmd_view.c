@@ -112,7 +112,7 @@ static mn_code open_all(viewer *v, mn_status *st) {
         return code;
     picture_desc(v->session, desc->width_px, desc->height_px, &gl_desc);
     gl_desc.title = desc->path;
-    const uint64_t entered = gl_load_enter();
+    const uint64_t entered = gl_load_enter(&v->load);
     code = v->load.api->window_open(&gl_desc, &v->gl, st);
     gl_load_leave(&v->load, entered);
     return code;
@@ -272,7 +272,7 @@ static bool busy(const viewer *v) {
 
 static void set_title(viewer *v, double now) {
     char text[256], speed[32] = "still";
-    const uint64_t rss = gl_load_enter();
+    const uint64_t rss = gl_load_rss_bytes();
     const int64_t ours = (int64_t)rss - v->load.held_bytes;
     const char *slash = strrchr(v->options.desc.path, '/');
     if (busy(v))
@@ -292,7 +292,7 @@ static mn_code hand_over(viewer *v, mn_status *st) {
     mn_front front;
     mn_session_front(v->session, &front);
     v->dirty = true;
-    const uint64_t entered = gl_load_enter();
+    const uint64_t entered = gl_load_enter(&v->load);
     const mn_code code = v->load.api->front(v->gl, &front, st);
     gl_load_leave(&v->load, entered);
     return code;
@@ -310,7 +310,7 @@ static mn_code frame(viewer *v, mn_status *st) {
     }
     if (code != MN_OK || !v->dirty)
         return code;
-    const uint64_t entered = gl_load_enter();
+    const uint64_t entered = gl_load_enter(&v->load);
     code = v->load.api->draw(v->gl, &camera, &v->look, st);
     gl_load_leave(&v->load, entered);
     record(v, &camera);

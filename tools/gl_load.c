@@ -2,6 +2,8 @@
  * is read before and after. */
 #include "gl_load.h"
 
+#include "cli.h"
+
 #include <dlfcn.h>
 #include <limits.h>
 #include <stdio.h>
@@ -11,7 +13,7 @@
 
 #define MODULE "metanode-gl.so"
 
-uint64_t gl_load_enter(void) {
+uint64_t gl_load_rss_bytes(void) {
     unsigned long long pages = 0;
     FILE *f = fopen("/proc/self/statm", "re");
     if (f == NULL)
@@ -22,8 +24,16 @@ uint64_t gl_load_enter(void) {
     return pages * (uint64_t)sysconf(_SC_PAGESIZE);
 }
 
+uint64_t gl_load_enter(gl_load *load) {
+    const uint64_t now = gl_load_rss_bytes();
+    const int64_t own = (int64_t)now - load->held_bytes;
+    if (own > (int64_t)load->own_peak_bytes)
+        load->own_peak_bytes = (uint64_t)own;
+    return now;
+}
+
 void gl_load_leave(gl_load *load, uint64_t entered) {
-    load->held_bytes += (int64_t)(gl_load_enter() - entered); /* a driver gives back, too */
+    load->held_bytes += (int64_t)(gl_load_rss_bytes() - entered); /* a driver gives back, too */
     if (load->held_bytes > (int64_t)load->rss_bytes)
         load->rss_bytes = (uint64_t)load->held_bytes;
 }
@@ -52,7 +62,8 @@ mn_code gl_load_module(gl_load *load, mn_status *st) {
     if (load->api != NULL)
         return MN_OK;
     char path[PATH_MAX];
-    const uint64_t entered = gl_load_enter();
+    load->own_peak_bytes = cli_rss_peak_bytes();
+    const uint64_t entered = gl_load_enter(load);
     module_path(path);
     load->module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (load->module == NULL)

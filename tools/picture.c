@@ -23,7 +23,7 @@ mn_code picture_open(picture *p, const mn_session *session, uint32_t width, uint
     if (code != MN_OK)
         return code;
     picture_desc(session, width, height, &desc);
-    const uint64_t entered = gl_load_enter();
+    const uint64_t entered = gl_load_enter(&p->load);
     code = p->load.api->offscreen_open(&desc, &p->gl, st);
     gl_load_leave(&p->load, entered);
     return code;
@@ -34,7 +34,7 @@ mn_code picture_write(picture *p, const mn_session *session, const mn_camera *ca
     const mn_gl_api *api = p->load.api;
     mn_front front;
     mn_session_front(session, &front);
-    const uint64_t entered = gl_load_enter();
+    const uint64_t entered = gl_load_enter(&p->load);
     mn_code code = api->front(p->gl, &front, st);
     if (code == MN_OK)
         code = api->draw(p->gl, camera, look, st);
