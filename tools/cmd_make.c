@@ -15,7 +15,7 @@ static const char help[] =
     "  subdivide   of a manifold mesh IN: Loop's scheme, four triangles for one, N times\n"
     "\n"
     "  -o FILE         the model, binary PLY with colours; streamed, whatever its size\n"
-    "  --triangles N   about so many: sphere within 7 × √N, terrain within √N, isosurface within\n"
+    "  --triangles N   about so many: sphere within 4 × √N, terrain within √N, isosurface within\n"
     "                  5 % from 10,000 on, and no fewer than 2,000; default 100000\n"
     "  --seed S        another model of the same kind; default 0. Same options, same bytes\n";
 

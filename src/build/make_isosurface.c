@@ -299,7 +299,7 @@ static mn_code search_steps(sponge *s, double wanted, double have, uint32_t *ste
  * four times as many, and a bit more, since there is finer noise to see. */
 static mn_code find_steps(sponge *s, double wanted, uint32_t *steps, mn_status *st) {
     mn_code code = count(s, PROBE_STEPS, st);
-    double have = (double)s->triangles, growth = 4;
+    double have = (double)s->triangles, growth = 4, trend = 1; /* a doubling; of growth itself */
     *steps = PROBE_STEPS;
     if (wanted < growth * have)
         return search_steps(s, wanted, have, steps, st);
@@ -308,10 +308,12 @@ static mn_code find_steps(sponge *s, double wanted, uint32_t *steps, mn_status *
         double before = have;
         code = count(s, (uint32_t)(n *= 2), st);
         have = (double)s->triangles;
+        trend = have / before / growth;
         growth = have / before;
     }
-    for (; growth * have < wanted; n *= 2)
-        have *= growth;
+    for (; growth * trend * have < wanted; n *= 2)
+        have *= growth *= trend;
+    growth *= trend;
     double share = sqrt(wanted / have) - 1; /* of the last doubling, about */
     have *= 1 + (growth / 4 - 1) * share;
     *steps = (uint32_t)(n * sqrt(wanted / have) + 0.5);

@@ -175,7 +175,7 @@ START_TEST(sphere_is_a_closed_sphere) {
     uint64_t asked = sizes[_i], edges;
     make(MN_SHAPE_SPHERE, asked, 7);
     model m = load();
-    ck_assert(fabs((double)m.triangles - (double)asked) <= 7 * sqrt((double)asked) + 12);
+    ck_assert(fabs((double)m.triangles - (double)asked) <= 4 * sqrt((double)asked) + 12);
     ck_assert_uint_eq(check_edges(&m, &edges), 0);
     ck_assert_int_eq((int64_t)(m.vertices + m.triangles) - (int64_t)edges, 2);
     check_fans(&m);
