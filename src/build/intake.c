@@ -55,9 +55,9 @@ static uint64_t largest(uint64_t a, uint64_t b) {
 }
 
 /* Peak for a file with so many vertices as it counts them, so many of them kept apart, and so many
- * triangles: the largest of the three steps. Colours are counted always, for simplicity. */
-static uint64_t need_bytes(const mni_intake *intake, uint64_t pushed, uint64_t vertices,
-                           uint64_t triangles) {
+ * triangles: the largest of the steps. Colours are counted always, for simplicity. */
+static uint64_t reading_bytes(const mni_intake *intake, uint64_t pushed, uint64_t vertices,
+                              uint64_t triangles) {
     uint64_t mesh = vertices * 3 * sizeof(double)       /* position */
                     + vertices * sizeof(uint32_t)       /* color */
                     + triangles * 3 * sizeof(uint32_t); /* corner */
@@ -69,11 +69,16 @@ static uint64_t need_bytes(const mni_intake *intake, uint64_t pushed, uint64_t v
     uint64_t finishing = vertices * sizeof(uint32_t)  /* renumbering */
                          + mni_table_bytes(vertices); /* counting what falls together */
     uint64_t floats = vertices * 3 * sizeof(float);   /* beside the doubles */
-    uint64_t reading =
-        mesh + largest(largest(welding, checking), largest(finishing, floats)) + SLACK_BYTES;
-    uint64_t then =
-        intake->then_need_bytes != NULL ? intake->then_need_bytes(vertices, triangles) : 0;
-    return largest(reading, then);
+    return mesh + largest(largest(welding, checking), largest(finishing, floats)) + SLACK_BYTES;
+}
+
+/* The same, and what comes after reading. */
+static uint64_t need_bytes(const mni_intake *intake, uint64_t pushed, uint64_t vertices,
+                           uint64_t triangles) {
+    uint64_t reading = reading_bytes(intake, pushed, vertices, triangles);
+    if (intake->then_need_bytes == NULL)
+        return reading;
+    return largest(reading, intake->then_need_bytes(vertices, triangles));
 }
 
 static void free_arrays(mni_intake *intake) {
@@ -96,9 +101,9 @@ static bool refuse(mni_intake *intake, uint64_t need) {
     mn_fail(intake->st, MN_CAP_TOO_SMALL,
             "%s: up to %llu vertices and %llu triangles take %llu bytes, the cap is %llu: "
             "--ram %lluM would do",
-            intake->name, (unsigned long long)intake->pushed, (unsigned long long)intake->triangles,
-            (unsigned long long)need, (unsigned long long)intake->ram_bytes,
-            (unsigned long long)((need >> 20) + 1));
+            intake->name, (unsigned long long)mni_weld_vertices(&intake->weld),
+            (unsigned long long)intake->triangles, (unsigned long long)need,
+            (unsigned long long)intake->ram_bytes, (unsigned long long)((need >> 20) + 1));
     return false;
 }
 
@@ -338,14 +343,13 @@ static void reject_single_faces(mni_intake *intake) {
 }
 
 static bool reject_duplicates(mni_intake *intake) {
-    uint64_t need =
-        need_bytes(intake, intake->pushed, mni_weld_vertices(&intake->weld), intake->triangles);
+    uint64_t vertices = mni_weld_vertices(&intake->weld);
+    uint64_t need = reading_bytes(intake, intake->pushed, vertices, intake->triangles);
     uint64_t spare = UINT64_MAX, missing = 0;
-    if (intake->ram_bytes != 0)
-        spare = intake->ram_bytes > need ? intake->ram_bytes - need : 0;
-    mn_code code =
-        mni_faces_filter(intake->corner, &intake->triangles, mni_weld_vertices(&intake->weld),
-                         spare, &missing, &intake->counts);
+    if (intake->ram_bytes != 0) /* tables for vertices like a globe's pole fit the slack */
+        spare = SLACK_BYTES / 2 + (intake->ram_bytes > need ? intake->ram_bytes - need : 0);
+    mn_code code = mni_faces_filter(intake->corner, &intake->triangles, vertices, spare, &missing,
+                                    &intake->counts);
     if (code == MN_CAP_TOO_SMALL)
         return refuse(intake, largest(need, intake->ram_bytes) + missing);
     return code == MN_OK || no_memory(intake);

@@ -427,14 +427,11 @@ bool mni_text_digits(mni_source *source, int64_t *value) {
 }
 
 bool mni_text_integer(mni_source *source, int64_t *value, const char *what) {
+    mni_source_have(source, MNI_WORD_BYTES_MAX); /* so that the window stays where it is */
     const char *from = source->at;
-    ptrdiff_t back;
-    mni_source_have(source, MNI_WORD_BYTES_MAX);
-    from = source->at;
     if (mni_text_digits(source, value) && is_word_end(*source->at))
         return true;
-    back = source->at - from;
-    source->at -= back;
+    source->at = from;
     if (source->at == source->end || *source->at == '\n')
         return number_expected(source, what);
     char word[40];
