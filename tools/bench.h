@@ -9,7 +9,6 @@ int bench_simplify(int argc, char **argv);
 
 /* Binds this process, and what it starts, to the processor it is on: timings then compare. */
 void bench_one_core(void);
-double bench_now_s(void);
 double bench_median(double *values, size_t count); /* sorts them */
 
 #endif

@@ -97,6 +97,53 @@ static mn_code measure_speed(const mn_mesh *mesh, const options *o, figures *f, 
     return MN_OK;
 }
 
+/* ---- quality ---- */
+
+static mn_code distance(const mn_mesh *mesh, const mn_mesh *coarse, const options *o, double *mean,
+                        mn_status *st) {
+    mn_compare_result r;
+    mn_code code = mn_mesh_compare(mesh, coarse, o->samples, 1, &r, st);
+    *mean = code == MN_OK ? (r.mean_ab + r.mean_ba) / 2 : 0;
+    return code;
+}
+
+/* Both at the number of triangles that OpenMesh stopped at. */
+static mn_code measure_level(const mn_mesh *mesh, const mn_tree *tree, double percent,
+                             const options *o, quality *q, mn_status *st) {
+    mn_mesh theirs, ours;
+    mn_decimation d;
+    mn_code code = mn_openmesh_decimate(mesh, share(mesh, percent), NULL, &theirs, &d, st);
+    if (code != MN_OK)
+        return code;
+    q->openmesh_triangles = theirs.triangles;
+    code = distance(mesh, &theirs, o, &q->openmesh_distance, st);
+    mn_extract_desc desc = {.what = MN_EXTRACT_TRIANGLES, .triangles = theirs.triangles};
+    mn_mesh_free(&theirs);
+    if (code != MN_OK)
+        return code;
+    code = mn_tree_extract(tree, &desc, &ours, NULL, st);
+    if (code != MN_OK)
+        return code;
+    q->triangles = ours.triangles;
+    code = distance(mesh, &ours, o, &q->distance, st);
+    mn_mesh_free(&ours);
+    return code;
+}
+
+static mn_code measure_quality(const mn_mesh *mesh, const options *o, figures *f, mn_status *st) {
+    mn_tree tree;
+    mn_simplify_desc desc = {.metric = o->metric};
+    if (o->samples == 0)
+        return MN_OK;
+    mn_code code = mn_simplify(mesh, &desc, &tree, st);
+    if (code != MN_OK)
+        return code;
+    for (int i = 0; i < LEVELS && code == MN_OK; i++)
+        code = measure_level(mesh, &tree, percents[i], o, &f->level[i], st);
+    mn_tree_free(&tree);
+    return code;
+}
+
 /* ---- the globe ---- */
 
 /* A unit sphere of n meridians and n / 2 parallels, each pole one vertex with n neighbours, with
@@ -193,6 +240,8 @@ static mn_code measure(const char *path, const options *o, figures *f, mn_status
                    .vertices = mesh.vertices,
                    .triangles = mesh.triangles};
     code = measure_speed(&mesh, o, f, st);
+    if (code == MN_OK)
+        code = measure_quality(&mesh, o, f, st);
     mn_mesh_free(&mesh);
     return code;
 }
@@ -235,7 +284,7 @@ int bench_simplify(int argc, char **argv) {
                                                  {"help", no_argument, NULL, 'h'},
                                                  {0}};
     static const char *const metrics[] = {"qem", "length", NULL};
-    options o = {.runs = 5, .samples = 0};
+    options o = {.runs = 5, .samples = 1 << 20};
     bool ok = true;
     int option;
     while ((option = cli_option(argc, argv, "h", long_options)) != -1 && ok) {

@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "cli.h"
 
@@ -24,12 +23,6 @@ void bench_one_core(void) {
     CPU_SET((size_t)(cpu < 0 ? 0 : cpu), &here);
     if (sched_setaffinity(0, sizeof here, &here) != 0)
         fputs("metanode: bench: cannot bind to one core; timings vary more\n", stderr);
-}
-
-double bench_now_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
 static int by_value(const void *a, const void *b) {
