@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #define TURN 6.283185307179586
+enum { SETTLES_IN = 5000 };
 
 uint64_t model_random(void) {
     static uint64_t state;
@@ -190,4 +191,26 @@ mn_camera model_camera(const model *m, double turn, double distance) {
     c.eye[1] = c.target[1] + (float)(0.3 * away);
     c.eye[2] = c.target[2] + (float)(away * cos(TURN * turn));
     return c;
+}
+
+uint64_t model_walk(const mn_session_desc *desc, const model *m, uint64_t *hash, int cameras) {
+    mn_session *s = model_open(desc);
+    uint64_t adapted = 0;
+    for (int i = 0; i < cameras; i++) {
+        mn_camera camera = model_camera(m, 0.13 * i, 1 + 3 * fabs(sin(i)));
+        mn_frame_stats stats;
+        ck_assert_uint_lt(mn_session_settle(s, &camera, SETTLES_IN), SETTLES_IN);
+        mn_session_check(s);
+        mn_session_frame(s, &camera, &stats);
+        ck_assert(!stats.changed);
+        hash[i] = stats.front_hash;
+        adapted += stats.active_nodes;
+    }
+    mn_camera last = model_camera(m, 0, 3);
+    mn_session_set_tolerance(s, INFINITY);
+    ck_assert_uint_lt(mn_session_settle(s, &last, SETTLES_IN), SETTLES_IN);
+    ck_assert(mn_session_at_roots(s));
+    mn_session_check(s);
+    mn_session_close(s);
+    return adapted;
 }

@@ -31,6 +31,10 @@ mn_session *model_open(const mn_session_desc *desc);
 /* A camera at `distance` radii from the box's centre, `turn` of a full turn round it. */
 mn_camera model_camera(const model *m, double turn, double distance);
 
+/* Settles at `cameras` cameras and then at the roots, checking; hash: the settled fronts'. Returns
+ * the active nodes that it has seen. */
+uint64_t model_walk(const mn_session_desc *desc, const model *m, uint64_t *hash, int cameras);
+
 uint64_t model_random(void); /* a stream of its own, from MN_SEED, printed once */
 double model_uniform(double lo, double hi);
 

@@ -11,44 +11,25 @@
 #include "frame.h"
 #include "model.h"
 
-enum { CAMERAS = 10, ENOUGH = 5000, BLOCK_BYTES = 4096 };
+enum { CAMERAS = 6, ENOUGH = 5000, BLOCK_BYTES = 4096 };
 
 static const mn_block_desc blockings[] = {{.blocking = MN_BLOCKING_LEVELS, .l = 3},
-                                          {.blocking = MN_BLOCKING_LEVELS, .l = 6}};
+                                          {.blocking = MN_BLOCKING_LEVELS, .l = 6},
+                                          {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096}};
 enum { BLOCKINGS = sizeof blockings / sizeof blockings[0] };
-
-static uint64_t walk(const mn_session_desc *desc, const model *m, uint64_t hash[CAMERAS]) {
-    mn_session *s = model_open(desc);
-    uint64_t adapted = 0;
-    for (int i = 0; i < CAMERAS; i++) {
-        mn_camera camera = model_camera(m, 0.13 * i, 1 + 3 * fabs(sin(i)));
-        mn_frame_stats stats;
-        ck_assert_uint_lt(mn_session_settle(s, &camera, ENOUGH), ENOUGH);
-        mn_session_check(s);
-        mn_session_frame(s, &camera, &stats);
-        ck_assert(!stats.changed);
-        hash[i] = stats.front_hash;
-        adapted += stats.active_nodes;
-    }
-    mn_camera last = model_camera(m, 0, 3);
-    mn_session_set_tolerance(s, INFINITY);
-    ck_assert_uint_lt(mn_session_settle(s, &last, ENOUGH), ENOUGH);
-    ck_assert(mn_session_at_roots(s));
-    mn_session_check(s);
-    mn_session_close(s);
-    return adapted;
-}
 
 /* The order of collapses is the tree's, so neither store nor blocking changes a settled front. */
 START_TEST(one_front_in_all_stores) {
     uint64_t expected[CAMERAS] = {0}, hash[CAMERAS];
     for (int b = 0; b < BLOCKINGS; b++) {
         model m;
-        model_make(&m, (model_shape)_i, 2500, &blockings[b]);
-        for (int store = MN_STORE_MAPPED; store <= MN_STORE_RESIDENT; store++) {
+        model_make(&m, (model_shape)_i, 1500, &blockings[b]);
+        for (int way = 0; way < 5; way++) {
             mn_session_desc desc = model_desc(&m);
-            desc.store = (mn_store_kind)store;
-            ck_assert_uint_gt(walk(&desc, &m, hash), 100);
+            desc.store = way < 3 ? MN_STORE_PAGED : way == 3 ? MN_STORE_MAPPED : MN_STORE_RESIDENT;
+            desc.io = way == 1 ? MN_IO_PREAD : way == 2 ? MN_IO_SIM : MN_IO_URING;
+            desc.barrier = b == 1;
+            ck_assert_uint_gt(model_walk(&desc, &m, hash, CAMERAS), 100);
             if (expected[0] == 0)
                 memcpy(expected, hash, sizeof hash);
             ck_assert_mem_eq(hash, expected, sizeof hash);
@@ -125,6 +106,9 @@ START_TEST(figures) {
     model m;
     model_make(&m, MODEL_TERRAIN, 3000, &blockings[0]);
     mn_session_desc desc = model_desc(&m);
+    desc.store = _i ? MN_STORE_PAGED : MN_STORE_RESIDENT;
+    desc.io = MN_IO_SIM;
+    desc.io_serial = true;
     desc.ram_bytes = 8 << 20;
     desc.nav_ops = 50;
     uint64_t hash[2] = {0};
@@ -228,7 +212,8 @@ START_TEST(lying_blocks) {
         }
         write_bytes(m.path, bytes, count);
         mn_session_desc desc = model_desc(&m);
-        desc.store = round % 2 ? MN_STORE_MAPPED : MN_STORE_RESIDENT;
+        desc.store = (mn_store_kind)(round % 3);
+        desc.io = MN_IO_SIM;
         desc.closed = false; /* what it says of its simplices may be another mesh */
         mn_session *s;
         mn_status st = {0};
@@ -264,7 +249,7 @@ int main(void) {
     tcase_set_timeout(tc, 120);
     tcase_add_loop_test(tc, one_front_in_all_stores, 0, MODEL_SHAPES);
     tcase_add_loop_test(tc, image_and_foldovers, 0, MODEL_SHAPES);
-    tcase_add_test(tc, figures);
+    tcase_add_loop_test(tc, figures, 0, 2);
     tcase_add_test(tc, refusals);
     tcase_add_loop_test(tc, lying_blocks, 0, MODEL_SHAPES);
     suite_add_tcase(suite, tc);

@@ -1,0 +1,108 @@
+/* Goal: the navigator on a pool that is too small or a disk that fails: it settles, finds back to
+ * the roots, and is what it would be without faults when they stop. Method: every shape and
+ * blocking at the smallest K and at three times that; a simulated disk with seeds. */
+#include <check.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "model.h"
+
+enum { CAMERAS = 6 };
+
+static const mn_block_desc blockings[] = {{.blocking = MN_BLOCKING_LEVELS, .l = 3},
+                                          {.blocking = MN_BLOCKING_LEVELS, .l = 6},
+                                          {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096}};
+enum { BLOCKINGS = sizeof blockings / sizeof blockings[0] };
+
+/* Few place holders: settles at every camera, keeps every invariant, and finds back to the roots;
+ * with the simulated disk, twice the same. */
+START_TEST(few_holders) {
+    static const mn_io_kind ios[] = {MN_IO_PREAD, MN_IO_SIM};
+    uint64_t hash[2][CAMERAS];
+    model m;
+    model_make(&m, (model_shape)(_i % MODEL_SHAPES), 1500, &blockings[_i / MODEL_SHAPES]);
+    for (int io = 0; io < 2; io++)
+        for (int factor = 1; factor <= 3; factor += 2)
+            for (int degrade = 0; degrade < 2; degrade++) {
+                mn_session_desc desc = model_desc(&m);
+                desc.store = MN_STORE_PAGED;
+                desc.io = ios[io];
+                desc.io_serial = factor == 3;
+                desc.degrade_off = degrade == 0;
+                desc.k = MN_K_MIN;
+                if (factor > 1) {
+                    mn_session *probe = model_open(&desc);
+                    mn_plan plan;
+                    mn_session_plan(probe, &plan);
+                    desc.k = (int64_t)plan.k_min * factor;
+                    mn_session_close(probe);
+                }
+                model_walk(&desc, &m, hash[0], CAMERAS);
+                if (ios[io] == MN_IO_SIM) {
+                    model_walk(&desc, &m, hash[1], CAMERAS);
+                    ck_assert_mem_eq(hash[0], hash[1], sizeof hash[0]);
+                }
+            }
+    model_free(&m);
+}
+END_TEST
+
+/* Reads fail, lie and come late; when that ends, the front is the one that a sound disk gives. */
+START_TEST(faults_end) {
+    uint64_t sound[CAMERAS];
+    model m;
+    model_make(&m, (model_shape)(_i % MODEL_SHAPES), 1500, &blockings[_i % BLOCKINGS]);
+    mn_session_desc desc = model_desc(&m);
+    model_walk(&desc, &m, sound, CAMERAS);
+    desc.store = MN_STORE_PAGED;
+    desc.io = MN_IO_SIM;
+    desc.seed = model_random();
+    desc.sim = (mn_sim_desc){.delay_us_max = 40000,
+                             .reorder = 300,
+                             .short_read = 100,
+                             .eio = 60,
+                             .eagain = 100,
+                             .corrupt = 60,
+                             .misplaced = 30,
+                             .fault_frames = 40};
+    desc.fps = 60;
+    mn_session *s = model_open(&desc);
+    for (int i = 0; i < 60; i++) {
+        mn_camera camera = model_camera(&m, i / 40.0, 1 + 3 * fabs(cos(i)));
+        mn_session_frame(s, &camera, NULL);
+        mn_session_check(s);
+    }
+    for (int i = 0; i < CAMERAS; i++) {
+        mn_camera camera = model_camera(&m, 0.13 * i, 1 + 3 * fabs(sin(i)));
+        mn_frame_stats stats = {0};
+        for (int frame = 0; frame < 300 && (frame < 80 || stats.misses > 0 || stats.changed);
+             frame++) /* a retry may be 64 frames away */
+            mn_session_frame(s, &camera, &stats);
+        ck_assert(!stats.changed && stats.misses == 0);
+        ck_assert_uint_eq(stats.front_hash, sound[i]);
+    }
+    mn_session_drain(s);
+    mn_session_stats total;
+    mn_session_stats_get(s, &total);
+    ck_assert_uint_eq(total.commands, total.commands_loaded + total.commands_resident +
+                                          total.commands_given_up + total.commands_failed);
+    ck_assert_uint_eq(total.commands, total.prefetches + total.urgent_up + total.urgent_down);
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
+int main(void) {
+    Suite *suite = suite_create("session_pool");
+    TCase *tc = tcase_create("session_pool");
+    tcase_set_timeout(tc, 120);
+    tcase_add_loop_test(tc, few_holders, 0, MODEL_SHAPES * BLOCKINGS);
+    tcase_add_loop_test(tc, faults_end, 0, 2 * MODEL_SHAPES);
+    suite_add_tcase(suite, tc);
+    SRunner *runner = srunner_create(suite);
+    srunner_run_all(runner, CK_ENV);
+    const int failed = srunner_ntests_failed(runner);
+    srunner_free(runner);
+    return failed == 0 ? 0 : 1;
+}
