@@ -144,6 +144,9 @@ uint64_t mni_front_hash(const mni_front *front, uint32_t *scratch);
 /* 0 when every edge of the front is used equally often in both directions (and else, but for a
  * chance of 2^-64, not). */
 uint64_t mni_front_imbalance(const mni_front *front);
+/* Is the input closed and consistently oriented, so that every front's imbalance is 0? Reads the
+ * whole file; false also when some of it is not sound. For checks. */
+bool mni_front_input_is_closed(const char *path, const mn_header *header);
 /* Invariant 1, the validity of the front, and the equations of this struct, by recount. Asserts. */
 void mni_front_check(const mni_front *front);
 /* Adds up active nodes by entry. counts: zeroed, one an entry. */

@@ -1,13 +1,16 @@
 /* What can be said of a whole front: its hash, its balance, its invariants by recount.
  *
  * Hides: how they are computed. All but leaf_position only read the front. Threads: Navigate only;
- * no memory but the caller's scratch. Each is O(front) and more: for statistics and checks, outside
- * the timed part of a frame. Paper: none; design.md §6. */
+ * no memory but the caller's scratch
+ * (input_is_closed, which is called before the seal: one block). Each is O(front) and more: for
+ * statistics and checks, outside the timed part of a frame. Paper: none; design.md §6. */
+#include <stdlib.h>
 #include <string.h>
 
 #include <xxhash.h>
 
 #include "assert.h"
+#include "file.h"
 #include "frame.h"
 #include "front.h"
 
@@ -40,20 +43,87 @@ uint64_t mni_front_hash(const mni_front *f, uint32_t *scratch) {
 
 /* Each directed edge u → v adds a hash of the pair {u, v} if u < v and takes it away if not: the
  * sum vanishes when both directions are used equally often. */
+static uint64_t directed(uint32_t u, uint32_t v) {
+    uint64_t key = u < v ? (uint64_t)u << 32 | v : (uint64_t)v << 32 | u;
+    uint64_t hash = XXH3_64bits(&key, sizeof key);
+    return u < v ? hash : 0 - hash;
+}
+
 uint64_t mni_front_imbalance(const mni_front *f) {
     uint64_t sum = 0;
     for (uint32_t s = 0; s < f->simplices_high; s++) {
         const uint32_t *node = &f->simplex_node[3 * (size_t)s];
         if (node[0] == MN_NONE || node[2] == MN_NONE)
             continue;
-        for (int k = 0; k < 3; k++) {
-            uint32_t u = node[k], v = node[(k + 1) % 3];
-            uint64_t key = u < v ? (uint64_t)u << 32 | v : (uint64_t)v << 32 | u;
-            uint64_t hash = XXH3_64bits(&key, sizeof key);
-            sum += u < v ? hash : 0 - hash;
-        }
+        for (int k = 0; k < 3; k++)
+            sum += directed(node[k], node[(k + 1) % 3]);
     }
     return sum;
+}
+
+/* ---- the input ------------------------------------------------------------------------------- */
+
+static uint64_t edges_of(const uint32_t corner[3]) {
+    uint64_t sum = 0;
+    for (int k = 0; k < 3; k++)
+        sum += directed(corner[k], corner[(k + 1) % 3]);
+    return corner[2] == MN_NONE ? 0 : sum;
+}
+
+/* The directed edges of the triangles in one block. false: no sound block. */
+static bool add_block(const void *bytes, uint32_t length_bytes, const mni_block_limits *limits,
+                      uint64_t *sum) {
+    mni_frame frame;
+    mni_frame_get(bytes, &frame);
+    uint32_t corner[3];
+    mni_overflow overflow;
+    mni_block block;
+    if (!mni_front_block_check(limits, bytes, length_bytes))
+        return false;
+    if (frame.kind == MNI_FRAME_OVERFLOW) {
+        if (!mni_overflow_open(&overflow, bytes, length_bytes, limits, NULL, 0))
+            return false;
+        for (uint32_t i = 0; i < overflow.simplices; i++) {
+            mni_overflow_simplex(&overflow, i, corner);
+            *sum += edges_of(corner);
+        }
+        return true;
+    }
+    mni_block_reopen(&block, bytes);
+    for (uint32_t i = 0; i < block.simplices; i++) {
+        mni_block_simplex(&block, i, corner);
+        *sum += edges_of(corner);
+    }
+    return true;
+}
+
+bool mni_front_input_is_closed(const char *path, const mn_header *header) {
+    const mni_block_limits limits = {header->leaves, header->nodes, header->file_bytes,
+                                     header->has_colors};
+    unsigned char *bytes = aligned_alloc(MN_PAGE_BYTES, header->block_bytes_max);
+    mni_in file;
+    if (bytes == NULL || mni_in_open(&file, path, NULL) != MN_OK) {
+        free(bytes);
+        return false;
+    }
+    uint64_t sum = 0;
+    bool sound = true;
+    for (uint64_t id = 1; sound && id < header->file_bytes / MN_PAGE_BYTES;) {
+        uint32_t pages = 0;
+        sound = mni_in_read(&file, id * MN_PAGE_BYTES, bytes, MN_PAGE_BYTES) == MN_PAGE_BYTES;
+        memcpy(&pages, bytes + 28, sizeof pages); /* frame.h: length / 4096 */
+        uint64_t length = (uint64_t)pages * MN_PAGE_BYTES;
+        sound = sound && pages > 0 && length <= header->block_bytes_max &&
+                mni_in_read(&file, id * MN_PAGE_BYTES, bytes, length) == (int64_t)length;
+        mn_block_ref ref = {(uint32_t)id, pages};
+        sound = sound &&
+                mni_frame_check(bytes, ref, header->build_id, header->file_bytes) == MNI_FRAME_OK;
+        sound = sound && add_block(bytes, (uint32_t)length, &limits, &sum);
+        id += pages;
+    }
+    mni_in_close(&file);
+    free(bytes);
+    return sound && sum == 0;
 }
 
 void mni_front_usage(const mni_front *f, uint32_t *counts) {

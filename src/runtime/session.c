@@ -118,6 +118,10 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
                                    .nodes = s->header.nodes,
                                    .file_bytes = s->header.file_bytes,
                                    .has_colors = s->header.has_colors};
+#ifdef MN_SLOW_CHECKS
+    if (code == MN_OK)
+        s->desc.closed |= mni_front_input_is_closed(desc->path, &s->header);
+#endif
     if (code == MN_OK)
         code = parts_open(s, st);
     if (code != MN_OK) {

@@ -206,6 +206,7 @@ static const mn_block_desc levels_3 = {.blocking = MN_BLOCKING_LEVELS, .l = 3};
 START_TEST(full_and_back) {
     rig r;
     rig_open(&r, (model_shape)(_i / 2), 600, _i % 2 ? &levels_3 : &levels_5);
+    ck_assert(mni_front_input_is_closed(r.m.path, &r.m.header) == r.m.closed);
     check(&r);
     refine_fully(&r);
     check(&r);

@@ -23,7 +23,7 @@ START_TEST(one_front_in_all_stores) {
     uint64_t expected[CAMERAS] = {0}, hash[CAMERAS];
     for (int b = 0; b < BLOCKINGS; b++) {
         model m;
-        model_make(&m, (model_shape)_i, 1500, &blockings[b]);
+        model_make(&m, (model_shape)_i, 2100, &blockings[b]);
         for (int way = 0; way < 5; way++) {
             mn_session_desc desc = model_desc(&m);
             desc.store = way < 3 ? MN_STORE_PAGED : way == 3 ? MN_STORE_MAPPED : MN_STORE_RESIDENT;

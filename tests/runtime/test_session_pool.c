@@ -21,7 +21,8 @@ START_TEST(few_holders) {
     static const mn_io_kind ios[] = {MN_IO_PREAD, MN_IO_SIM};
     uint64_t hash[2][CAMERAS];
     model m;
-    model_make(&m, (model_shape)(_i % MODEL_SHAPES), 1500, &blockings[_i / MODEL_SHAPES]);
+    model_make(&m, (model_shape)(_i % MODEL_SHAPES), _i % MODEL_SHAPES == MODEL_HEAP ? 300 : 1500,
+               &blockings[_i / MODEL_SHAPES]);
     for (int io = 0; io < 2; io++)
         for (int factor = 1; factor <= 3; factor += 2)
             for (int degrade = 0; degrade < 2; degrade++) {
@@ -52,7 +53,8 @@ END_TEST
 START_TEST(faults_end) {
     uint64_t sound[CAMERAS];
     model m;
-    model_make(&m, (model_shape)(_i % MODEL_SHAPES), 1500, &blockings[_i % BLOCKINGS]);
+    model_make(&m, (model_shape)(_i % MODEL_SHAPES), _i % MODEL_SHAPES == MODEL_HEAP ? 300 : 1500,
+               &blockings[_i % BLOCKINGS]);
     mn_session_desc desc = model_desc(&m);
     model_walk(&desc, &m, sound, CAMERAS);
     desc.store = MN_STORE_PAGED;
