@@ -178,6 +178,20 @@ static mn_code read_bytes(const mni_in *in, const char *path, uint64_t offset, v
     return MN_OK;
 }
 
+static mn_code read_section(const mni_in *in, const char *path, const vdt_header *h, int i,
+                            const section *s, mn_status *st) {
+    uint64_t offset = h->section[i].offset, padding = 0;
+    mn_code code = read_bytes(in, path, offset, s->data, s->bytes, section_name[i], st);
+    if (code == MN_OK)
+        code = read_bytes(in, path, offset + s->bytes, &padding, (8 - s->bytes % 8) % 8,
+                          section_name[i], st);
+    if (code == MN_OK && (padding != 0 || XXH3_64bits(s->data, s->bytes) != h->section[i].checksum))
+        code = mn_fail(st, MN_BAD_INPUT,
+                       "%s: %s (at byte %llu): checksum does not match; simplify again", path,
+                       section_name[i], (unsigned long long)offset);
+    return code;
+}
+
 static void take_counts(const vdt_header *h, mn_tree *t) {
     t->triangles = h->triangles;
     t->legal_last = h->legal_last;
@@ -214,22 +228,8 @@ static mn_code read_all(const mni_in *in, const char *path, mn_tree *out, mn_sta
         return code;
     section s[SECTIONS];
     sections_of(out, s);
-    for (int i = 0; i < SECTIONS && code == MN_OK; i++) {
-        code =
-            read_bytes(in, path, h.section[i].offset, s[i].data, s[i].bytes, section_name[i], st);
-        char padding[8] = {0};
-        if (code == MN_OK)
-            code = read_bytes(in, path, h.section[i].offset + s[i].bytes, padding,
-                              (8 - s[i].bytes % 8) % 8, section_name[i], st);
-        for (size_t k = 0; k < sizeof padding && code == MN_OK; k++)
-            if (padding[k] != 0)
-                code = mn_fail(st, MN_BAD_INPUT, "%s: %s: its padding is not zero; simplify again",
-                               path, section_name[i]);
-        if (code == MN_OK && XXH3_64bits(s[i].data, s[i].bytes) != h.section[i].checksum)
-            code = mn_fail(st, MN_BAD_INPUT,
-                           "%s: %s (at byte %llu): checksum does not match; simplify again", path,
-                           section_name[i], (unsigned long long)h.section[i].offset);
-    }
+    for (int i = 0; i < SECTIONS && code == MN_OK; i++)
+        code = read_section(in, path, &h, i, &s[i], st);
     take_counts(&h, out);
     mn_status why = {0};
     if (code == MN_OK && (mni_tree_derive(out, &why) != MN_OK || mn_tree_check(out, &why) != MN_OK))
