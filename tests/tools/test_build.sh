@@ -1,0 +1,143 @@
+#!/bin/sh
+# Goal: build, simplify, block, info, verify and extract as a user meets them: figures, exit codes,
+# one line for each error, and nothing lost or left behind.
+# Method: a made model in a folder of its own; usage: test_build.sh METANODE
+set -u
+metanode=$1
+folder=$(mktemp -d) || exit 1
+trap 'rm -rf "$folder"' EXIT
+cd "$folder" || exit 1
+failures=0
+
+fail() {
+    echo "FAILED: $*"
+    failures=$((failures + 1))
+}
+
+# expect CODE COMMAND …: the exit code, and for errors one line that begins with "metanode: "
+expect() {
+    code=$1
+    shift
+    "$metanode" "$@" >out.txt 2>err.txt
+    got=$?
+    [ $got -eq "$code" ] || fail "exit $got, not $code: $* ($(cat err.txt))"
+    if [ "$code" -ne 0 ]; then
+        [ "$(wc -l <err.txt)" -eq 1 ] || fail "not one line of error: $*: $(cat err.txt)"
+        grep -q '^metanode: ' err.txt || fail "an error without a name: $*: $(cat err.txt)"
+    fi
+}
+
+says() {
+    grep -q -- "$1" err.txt || fail "'$1' is not said: $(cat err.txt)"
+}
+
+expect 0 make sphere --triangles 3000 -o in.ply
+
+# --- the main way, both halves, both policies
+expect 0 build in.ply -o a.mnt --json
+for key in vertices triangles input_faces duplicate_faces degenerate_faces nonfinite_faces \
+    misoriented_faces unused_vertices welded_vertices merged_positions nonmanifold_edges \
+    boundary_edges components roots nodes hinges collapses_by_stage virtual_collapses legal_last \
+    depth_max block_depth blocks fill_mean order_violations rounds collapses_per_second \
+    seconds_read seconds_simplify seconds_block bytes_read bytes_written file_bytes \
+    bytes_per_vertex ram_cap_bytes rss_peak_bytes l block_bytes metric blocking; do
+    [ "$(grep -c "^  \"$key\": " out.txt)" -eq 1 ] || fail "build --json: key $key"
+done
+expect 0 simplify in.ply -o a.vdt
+expect 0 block a.vdt -o b.mnt
+cmp -s a.mnt b.mnt || fail "build and simplify + block differ"
+expect 0 block a.mnt -o b.mnt
+cmp -s a.mnt b.mnt || fail "a .mnt blocked again differs"
+for options in "--blocking levels -L 3" "--block-bytes 4K" "--block-bytes 64K"; do
+    # shellcheck disable=SC2086 # options are words
+    expect 0 block a.vdt -o c.mnt $options
+    expect 0 verify c.mnt --against in.ply
+done
+expect 0 verify a.vdt --against in.ply --json
+expect 0 build in.ply -o d.mnt --weld off --metric length -j 2 --ram 64M
+expect 0 verify d.mnt --against in.ply
+expect 0 info a.mnt --json
+expect 0 info a.vdt
+expect 0 extract a.mnt --full -o full.ply
+expect 0 verify a.mnt --against full.ply
+expect 0 extract a.vdt --triangles 500 -o x.ply --json
+grep -q '"triangles": \(500\|49[0-9]\),' out.txt || fail "extract --triangles 500: $(cat out.txt)"
+expect 0 extract a.mnt --error 0.05 -o x.ply
+
+# --- wrong usage
+expect 2 build in.ply
+expect 2 build -o x.mnt
+expect 2 build in.ply more.ply -o x.mnt
+expect 2 build in.ply -o x.mnt --nonsense
+expect 2 build in.ply -o x.mnt --blocking levels -L 17
+expect 2 build in.ply -o x.mnt -L 5
+expect 2 build in.ply -o x.mnt --blocking levels --block-bytes 16K
+expect 2 build in.ply -o x.mnt --block-bytes 5000
+expect 2 build in.ply -o x.mnt --block-bytes 2M
+expect 2 build in.ply -o x.mnt --ram much
+expect 2 block a.vdt -o x.mnt --metric qem
+expect 2 extract a.mnt -o x.ply
+expect 2 extract a.mnt --full --error 1 -o x.ply
+expect 2 extract a.mnt --error -1 -o x.ply
+expect 2 verify
+for command in build simplify block info verify extract; do
+    expect 0 $command --help
+done
+
+# --- bad input
+expect 3 build absent.ply -o x.mnt
+expect 3 build . -o x.mnt
+expect 3 verify in.ply
+expect 3 info in.ply
+expect 3 block in.ply -o x.mnt
+expect 3 verify a.mnt --against a.mnt
+expect 0 make sphere --triangles 3000 --seed 2 -o other.ply
+expect 3 verify a.mnt --against other.ply
+head -c 5000 a.mnt >cut.mnt
+expect 3 info cut.mnt
+says file_bytes
+cp a.mnt torn.mnt
+printf 'x' | dd of=torn.mnt bs=1 seek=$(($(wc -c <a.mnt) - 6000)) conv=notrunc 2>dd.txt
+expect 0 info torn.mnt # the header alone is read
+for command in "verify torn.mnt" "extract torn.mnt --full -o x.ply" "block torn.mnt -o x.mnt"; do
+    # shellcheck disable=SC2086 # a command and its words
+    expect 3 $command
+    says checksum
+done
+[ -e x.mnt ] && fail "a failed command left a file"
+
+# --- caps
+expect 5 build in.ply -o x.mnt --ram 200K
+bytes=$(grep -o '[0-9]\{5,\}' err.txt | tail -1)
+[ -n "$bytes" ] || fail "exit 5 names no number: $(cat err.txt)"
+
+# --- an interrupt: either too late, or the old file stays and nothing else does
+expect 0 make sphere --triangles 60000 -o large.ply
+cp a.mnt old.mnt
+"$metanode" build large.ply -o old.mnt >out.txt 2>err.txt &
+child=$!
+kill -INT $child 2>/dev/null
+wait $child
+code=$?
+if [ $code -ne 0 ]; then
+    cmp -s a.mnt old.mnt || fail "an interrupted build ($code) touched what was there"
+fi
+
+# --- a full disk, where a small one can be made
+mkdir small
+if unshare -rm sh -c 'mount -t tmpfs -o size=64k none small' 2>unshare.txt; then
+    unshare -rm sh -c 'mount -t tmpfs -o size=64k none small; echo old >small/x.mnt
+        "$0" block a.vdt -o small/x.mnt 2>err.txt; code=$?; ls -A small >left.txt
+        [ "$(cat small/x.mnt)" = old ] || echo changed >>left.txt
+        exit $code' "$metanode"
+    code=$?
+    [ $code -eq 4 ] || fail "a full disk: exit $code: $(cat err.txt)"
+    [ "$(cat left.txt)" = x.mnt ] || fail "a full disk: left $(cat left.txt)"
+else
+    echo "skipped: no small disk can be made here ($(head -1 unshare.txt))"
+fi
+
+left=$(find . -name '*.mnt*' ! -name '?.mnt' ! -name 'old.mnt' ! -name 'cut.mnt' ! -name 'torn.mnt')
+[ -z "$left" ] || fail "left behind: $left"
+[ $failures -eq 0 ] && echo "all good"
+exit $((failures > 0))
