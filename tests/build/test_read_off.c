@@ -36,8 +36,8 @@ START_TEST(colors) {
     static const char *const texts[] = {
         "COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 255 0 128\n0 1 0 0 0 255 255\n3 0 1 2\n",
         "COFF\n3 1 0\n0 0 0 1.0 0 0 1\n1 0 0 0 1.0 0 .502\n0 1 0 0 0 1 1\n3 0 1 2\n",
-        "CNOFF\n3 1 0\n0 0 0 8 8 8 1 0 0 1\n1 0 0 8 8 8 0 1 0 0.502\n0 1 0 8 8 8 0 0 1 1\n3 0 1 "
-        "2\n",
+        ("CNOFF\n3 1 0\n0 0 0 8 8 8 1 0 0 1\n1 0 0 8 8 8 0 1 0 0.502\n0 1 0 8 8 8 0 0 1 1\n3 0 1 "
+         "2\n"),
         "STCOFF\n3 1 0\n0 0 0 1 0 0 1 7 7\n1 0 0 0 1 0 0.502 7 7\n0 1 0 0 0 1 1 7 7\n3 0 1 2\n",
     };
     for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
