@@ -200,6 +200,17 @@ static double mega(uint64_t bytes) {
     return (double)bytes / 1048576;
 }
 
+static void table_plan(const mn_plan *plan, uint32_t block_bytes_max, FILE *out) {
+    fprintf(out, "plan       %.2f MB", mega(plan->planned_bytes));
+    if (plan->ram_cap_bytes > 0)
+        fprintf(out, " of %.2f", mega(plan->ram_cap_bytes));
+    fprintf(out,
+            ": base %.2f, front %.2f (%" PRIu32 " nodes), pool %.2f (%" PRIu32 " × %" PRIu32
+            "K), tables %.2f\n",
+            mega(plan->base_bytes), mega(plan->front_bytes), plan->front_max,
+            mega(plan->pool_bytes), plan->k, block_bytes_max >> 10, mega(plan->tables_bytes));
+}
+
 void figures_table(const replay_figures *f, FILE *out) {
     const mn_session_stats *t = &f->totals;
     fprintf(out, "%-10s %" PRIu64 " frames, %.1f splits and collapses each\n", store_name(f->store),
@@ -224,14 +235,11 @@ void figures_table(const replay_figures *f, FILE *out) {
                 t->io_errors);
     fprintf(out, "navigate   %.3f ms on average, %.3f (99 %%), %.3f at most\n",
             spread_mean(&f->nav_ms), spread_quantile(&f->nav_ms, 0.99), f->nav_ms.max);
-    fprintf(out, "memory     %.2f MB at the peak; plan %.2f MB", mega(f->rss_peak_bytes),
-            mega(f->plan.planned_bytes));
-    if (f->plan.ram_cap_bytes > 0)
-        fprintf(out, " of %.2f", mega(f->plan.ram_cap_bytes));
+    table_plan(&f->plan, f->block_bytes_max, out);
+    fprintf(out, "memory     %.2f MB at the peak", mega(f->rss_peak_bytes));
     if (f->has_gl)
         fprintf(out, "; GL %.2f MB apart", mega(f->gl_rss_bytes));
-    fprintf(out, "\n           %" PRIu64 " allocations after the start\n",
-            f->allocations_after_seal);
+    fprintf(out, "; %" PRIu64 " allocations after the start\n", f->allocations_after_seal);
     if (f->store == MN_STORE_RESIDENT)
         fprintf(out, "foldovers  %" PRIu64 ", %" PRIu64 " of them legal\n", f->foldovers,
                 f->foldovers_legal);

@@ -209,6 +209,16 @@ static void stats_finish(mn_session *s, const mn_session_stats *before, mn_frame
     mni_store_levels(s->store, &stats->blocks_in_use, &stats->blocks_resident);
 }
 
+static void count_frame(mn_session *s, const mn_frame_stats *frame) {
+    s->total.frames++;
+    s->total.misses += frame->misses;
+    s->total.adapt += frame->adapt;
+    s->total.refused_front += frame->refused_front;
+    s->total.refused_budget += frame->refused_budget;
+    s->total.refused_pool += frame->refused_pool;
+    s->total.waits_dependency += frame->waits_dependency;
+}
+
 void mn_session_frame(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
     mn_frame_stats here = {0};
     mn_session_stats before = {0};
@@ -221,13 +231,7 @@ void mn_session_frame(mn_session *s, const mn_camera *camera, mn_frame_stats *st
             here.changed = navigate(s, camera, &here);
         }
     }
-    s->total.frames++;
-    s->total.misses += here.misses;
-    s->total.adapt += here.adapt;
-    s->total.refused_front += here.refused_front;
-    s->total.refused_budget += here.refused_budget;
-    s->total.refused_pool += here.refused_pool;
-    s->total.waits_dependency += here.waits_dependency;
+    count_frame(s, &here);
     if (stats != NULL) {
         stats_finish(s, &before, &here);
         *stats = here;
@@ -239,9 +243,7 @@ uint32_t mn_session_settle(mn_session *s, const mn_camera *camera, uint32_t fram
     for (uint32_t frame = 1; frame <= frames_max; frame++) {
         mn_frame_stats here = {0};
         bool changed = navigate(s, camera, &here);
-        s->total.frames++;
-        s->total.misses += here.misses;
-        s->total.adapt += here.adapt;
+        count_frame(s, &here);
         s->frame++;
         if (!changed)
             return frame;

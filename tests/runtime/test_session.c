@@ -25,6 +25,8 @@ START_TEST(one_front_in_all_stores) {
         model m;
         model_make(&m, (model_shape)_i, 2100, &blockings[b]);
         for (int way = 0; way < 5; way++) {
+            if (way < 2 && b != _i % BLOCKINGS) /* a disk takes its time: once a shape */
+                continue;
             mn_session_desc desc = model_desc(&m);
             desc.store = way < 3 ? MN_STORE_PAGED : way == 3 ? MN_STORE_MAPPED : MN_STORE_RESIDENT;
             desc.io = way == 1 ? MN_IO_PREAD : way == 2 ? MN_IO_SIM : MN_IO_URING;
