@@ -18,8 +18,7 @@ enum {
     THREAD_STACK_BYTES = 256 * 1024, /* checking a block's contents needs little */
 };
 
-/* ---- completing ---------------------------------------------------------------------------------
- */
+/* ---- completing ------------------------------------------------------------------------------ */
 
 static void request_free(mni_ioloop *loop, mni_request *request) {
     MN_ASSERT(request->state != MNI_REQUEST_FREE && loop->busy > 0);
@@ -94,8 +93,7 @@ static void act(mni_ioloop *loop, const mni_done *done) {
         fail(loop, request, true, "it comes in pieces too small to read");
 }
 
-/* ---- starting -----------------------------------------------------------------------------------
- */
+/* ---- starting -------------------------------------------------------------------------------- */
 
 static bool submit(mni_ioloop *loop, uint32_t tag) {
     mni_request *request = &loop->request[tag];
@@ -178,8 +176,7 @@ bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
     return loop->busy > 0 || loop->stalled;
 }
 
-/* ---- the thread
- * ---------------------------------------------------------------------------------- */
+/* ---- the thread ------------------------------------------------------------------------------ */
 
 static void *run(void *context) {
     mni_ioloop *loop = context;

@@ -80,8 +80,7 @@ void mni_pool_forget_locked(mni_pool *pool, uint32_t slot) {
     holder->children_in_use = 0;
 }
 
-/* ---- I/O: a place for a block ------------------------------------------------------------------
- */
+/* ---- I/O: a place for a block ---------------------------------------------------------------- */
 
 /* Does anybody still want the command? One whose sponsor has gone is cancelled here. */
 static bool is_wanted(const mni_pool *pool, const mni_command *command) {
@@ -169,8 +168,7 @@ mni_begin mni_pool_begin(mni_pool *pool, const mni_command *command, bool may_wa
     return begin;
 }
 
-/* ---- I/O: a read has ended ---------------------------------------------------------------------
- */
+/* ---- I/O: a read has ended ------------------------------------------------------------------- */
 
 static bool lists(const void *bytes, uint32_t block_id) {
     mni_frame frame;
@@ -259,8 +257,7 @@ void mni_pool_count_read(mni_pool *pool, uint64_t read_bytes, uint32_t io_errors
     mni_pool_unlock(pool);
 }
 
-/* ---- checks
- * -------------------------------------------------------------------------------------- */
+/* ---- checks ---------------------------------------------------------------------------------- */
 
 static void check_holder(const mni_pool *pool, uint32_t slot, mni_usage_of usage_of,
                          const void *context) {

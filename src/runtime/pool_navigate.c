@@ -23,8 +23,7 @@
 
 enum { URGENT_DOWN_SPARE = 3 }; /* paper §3.3.2: a split adds at most two, one stays */
 
-/* ---- the rules ---------------------------------------------------------------------------------
- */
+/* ---- the rules ------------------------------------------------------------------------------- */
 
 static uint32_t k_in_service(const mni_pool *pool) {
     return pool->holders.k - pool->holders.count[MNI_HOLDER_RETIRED];
@@ -71,8 +70,7 @@ static bool overflow_is_allowed(const mni_pool *pool, const mni_wish *wish, uint
     return k - wish->in_use - ((int64_t)pool->grants.idle + 1) >= 1;
 }
 
-/* ---- asking
- * -------------------------------------------------------------------------------------- */
+/* ---- asking ---------------------------------------------------------------------------------- */
 
 static void attempt_begins(mni_pool *pool) {
     if (pool->attempt.over)
@@ -250,8 +248,7 @@ bool mni_pool_has(mni_pool *pool, uint32_t block_id) {
     return has;
 }
 
-/* ---- the end of a frame: neighbours
- * --------------------------------------------------------------- */
+/* ---- the end of a frame: neighbours ---------------------------------------------------------- */
 
 /* Posts a prefetch for a block in use. false: the board is full, so it is no use to go on. */
 static bool post_prefetch(mni_pool *pool, uint32_t sponsor, mn_block_ref ref, uint32_t parent_id) {
@@ -348,8 +345,7 @@ static void settle_touched(mni_pool *pool) {
     pool->epoch += changed;
 }
 
-/* ---- the end of a frame: grants
- * ------------------------------------------------------------------- */
+/* ---- the end of a frame: grants -------------------------------------------------------------- */
 
 static void post_urgent(mni_pool *pool, uint32_t index) {
     mni_grant *grant = &pool->grants.grant[index];
@@ -410,8 +406,7 @@ void mni_pool_end_frame(mni_pool *pool) {
     mni_pool_unlock(pool);
 }
 
-/* ---- figures
- * -------------------------------------------------------------------------------------- */
+/* ---- figures --------------------------------------------------------------------------------- */
 
 uint32_t mni_pool_waiting(mni_pool *pool) {
     uint32_t count = pool->waits_for_reads;
@@ -439,8 +434,7 @@ void mni_pool_stats(mni_pool *pool, mn_session_stats *out) {
     mni_pool_unlock(pool);
 }
 
-/* ---- chunks
- * ------------------------------------------------------------------------------------------ */
+/* ---- chunks ---------------------------------------------------------------------------------- */
 
 static uint32_t chunk_end(const mni_holders *holders, uint32_t chunk) {
     uint64_t end = ((uint64_t)chunk + 1) * holders->chunk_holders;

@@ -49,8 +49,7 @@ static uint32_t entries_max(const mn_header *header, uint32_t k) {
     return max < header->blocks ? (uint32_t)max : header->blocks;
 }
 
-/* ---- warnings ----------------------------------------------------------------------------------
- */
+/* ---- warnings -------------------------------------------------------------------------------- */
 
 static void report(paged *p, const mni_report *report) {
     char text[400];
@@ -66,8 +65,7 @@ static void report(paged *p, const mni_report *report) {
     p->desc.warn(p->desc.warn_context, text);
 }
 
-/* ---- frames ------------------------------------------------------------------------------------
- */
+/* ---- frames ---------------------------------------------------------------------------------- */
 
 /* Runs the steps of virtual time up to until_ns; UINT64_MAX: until all is quiet. */
 static void run_until(paged *p, uint64_t until_ns) {
@@ -109,8 +107,7 @@ static void frame_end(void *self, double frame_s) {
         drain(p);
 }
 
-/* ---- open and close
- * ------------------------------------------------------------------------------ */
+/* ---- open and close -------------------------------------------------------------------------- */
 
 static bool roots_are_there(paged *p) {
     const mn_header *header = p->desc.header;
@@ -196,8 +193,7 @@ static mn_code open_paged(const mni_store_desc *desc, mni_arena *arena, void **o
     return code;
 }
 
-/* ---- into use
- * -------------------------------------------------------------------------------------- */
+/* ---- into use -------------------------------------------------------------------------------- */
 
 static mni_answer enter(void *self, const mni_wish *wish, const void **bytes) {
     return mni_pool_enter(&((paged *)self)->pool, wish, bytes);
@@ -215,8 +211,7 @@ static void attempt_over(void *self) {
     mni_pool_attempt_over(&((paged *)self)->pool);
 }
 
-/* ---- figures
- * --------------------------------------------------------------------------------------- */
+/* ---- figures --------------------------------------------------------------------------------- */
 
 static uint32_t pending(void *self) {
     paged *p = self;

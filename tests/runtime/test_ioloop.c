@@ -12,8 +12,7 @@
 #include "ioloop.h"
 #include "walk.h"
 
-/* ---- a disk that does as it is told -------------------------------------------------------------
- */
+/* ---- a disk that does as it is told ---------------------------------------------------------- */
 
 typedef enum bend {
     BEND_EIO,
@@ -96,8 +95,7 @@ static const mni_method METHOD = {.depth = 4,
                                   .collect = scripted_collect,
                                   .advance = scripted_advance};
 
-/* ---- pool, board and loop
- * ------------------------------------------------------------------------ */
+/* ---- pool, board and loop -------------------------------------------------------------------- */
 
 typedef struct machine {
     made_file file;

@@ -29,8 +29,7 @@ static void *zeroed(size_t count, size_t size) {
     return memory;
 }
 
-/* ---- the made file ------------------------------------------------------------------------------
- */
+/* ---- the made file --------------------------------------------------------------------------- */
 
 static uint32_t add_block(made_file *f, const made_desc *d, uint32_t parent, uint64_t dice) {
     uint32_t b = f->blocks++;
@@ -192,8 +191,7 @@ bool made_check(const void *context, const void *bytes, uint32_t length_bytes) {
     return last == mix(id, length_bytes - 8);
 }
 
-/* ---- the walker: opening
- * -------------------------------------------------------------------------- */
+/* ---- the walker: opening --------------------------------------------------------------------- */
 
 bool walker_open(walker *w, made_file *file, mni_store_desc desc) {
     memset(w, 0, sizeof *w);
@@ -236,8 +234,7 @@ void walker_close(walker *w) {
     free(w->recount);
 }
 
-/* ---- the walker: checks
- * --------------------------------------------------------------------------- */
+/* ---- the walker: checks ---------------------------------------------------------------------- */
 
 static uint32_t nodes_of(const walker *w, uint32_t s) {
     const made_subtree *subtree = &w->file->subtree[s];
@@ -272,8 +269,7 @@ void walker_check(walker *w) {
             check_bytes(w, b);
 }
 
-/* ---- the walker: switches
- * --------------------------------------------------------------------------- */
+/* ---- the walker: switches -------------------------------------------------------------------- */
 
 static mni_answer take_down(walker *w, uint32_t s) {
     const made_subtree *subtree = &w->file->subtree[s];
@@ -385,8 +381,7 @@ static void take_up(walker *w, uint32_t s) {
     w->changes++;
 }
 
-/* ---- the walker: frames
- * ------------------------------------------------------------------------------ */
+/* ---- the walker: frames ---------------------------------------------------------------------- */
 
 static void look(walker *w, uint64_t camera) {
     bool moved = camera != w->camera;
