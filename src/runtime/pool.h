@@ -87,10 +87,11 @@ void mni_pool_end_frame(mni_pool *pool);
 uint32_t mni_pool_waiting(mni_pool *pool);
 uint32_t mni_pool_resident(mni_pool *pool); /* blocks in real memory */
 void mni_pool_stats(mni_pool *pool, mn_session_stats *out);
-/* Takes one chunk out of service, or back into it. shrink: false when every chunk holds a block in
- * use, pinned or being read, or when what is left would be too little. *chunk says which. */
+/* Takes one chunk out of service: false when every chunk holds a block in use, pinned or being
+ * read, or when what is left would be too little. *chunk says which. Between frames. */
 bool mni_pool_shrink(mni_pool *pool, uint32_t table_count, uint32_t *chunk);
-bool mni_pool_grow(mni_pool *pool, uint32_t *chunk);
+bool mni_pool_retired(mni_pool *pool, uint32_t *chunk); /* finds one that is out of service */
+void mni_pool_grow(mni_pool *pool, uint32_t chunk);     /* puts that one back into it */
 
 /* ---- I/O ------------------------------------------------------------------------------------ */
 

@@ -479,22 +479,25 @@ bool mni_pool_shrink(mni_pool *pool, uint32_t table_count, uint32_t *chunk) {
     return found;
 }
 
-bool mni_pool_grow(mni_pool *pool, uint32_t *chunk) {
+bool mni_pool_retired(mni_pool *pool, uint32_t *chunk) {
     mni_holders *holders = &pool->holders;
     bool found = false;
     mni_pool_lock(pool);
     for (uint32_t c = 0; !found && c < holders->chunks; c++) {
-        uint32_t from = c * holders->chunk_holders, to = chunk_end(holders, c);
-        if (holders->holder[from].state != MNI_HOLDER_RETIRED)
-            continue;
-        found = true;
+        found = holders->holder[c * holders->chunk_holders].state == MNI_HOLDER_RETIRED;
         *chunk = c;
-        for (uint32_t slot = from; slot < to; slot++) {
-            mni_holders_set(holders, slot, MNI_HOLDER_EMPTY);
-            mni_freelist_prepend(&pool->free, holders, slot);
-        }
-        pool->epoch++;
     }
     mni_pool_unlock(pool);
     return found;
+}
+
+void mni_pool_grow(mni_pool *pool, uint32_t chunk) {
+    mni_holders *holders = &pool->holders;
+    mni_pool_lock(pool);
+    for (uint32_t slot = chunk * holders->chunk_holders; slot < chunk_end(holders, chunk); slot++) {
+        mni_holders_set(holders, slot, MNI_HOLDER_EMPTY);
+        mni_freelist_prepend(&pool->free, holders, slot);
+    }
+    pool->epoch++;
+    mni_pool_unlock(pool);
 }

@@ -227,6 +227,14 @@ void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident) {
     *resident = store->kind->resident(store->blocks, *in_use);
 }
 
+bool mni_store_shrink(mni_store *store) {
+    return store->kind->shrink != NULL && store->kind->shrink(store->blocks, store->table.count);
+}
+
+bool mni_store_grow(mni_store *store) {
+    return store->kind->grow != NULL && store->kind->grow(store->blocks);
+}
+
 void mni_store_stats(mni_store *store, mn_session_stats *out) {
     store->kind->stats(store->blocks, out);
 }

@@ -32,8 +32,10 @@ typedef uint32_t mni_entry;
 
 typedef enum mni_answer {
     MNI_GRANTED = 0,
-    MNI_ABSENT,  /* not in memory: a miss; the block has been asked for (urgent prefetch) */
-    MNI_REFUSED, /* the pool's rules or the table's size forbid it now: refused_pool */
+    MNI_ABSENT,  /* a miss: not in memory, and asked for (urgent prefetch), unless it has failed and
+                    its next try is not due; or only reads under way stand in the way */
+    MNI_REFUSED, /* the pool's rules or the table's size forbid it now: refused_pool. Worth another
+                    try when mni_store_epoch has risen or the camera moved */
 } mni_answer;
 
 /* Content check of a block that has come from a disk, called by the thread that reads (I/O); pure.
@@ -75,8 +77,12 @@ void mni_store_close(mni_store *store);
 mni_entry mni_store_root(mni_store *store, uint32_t r);
 
 /* Switch down: brings child block `ref` of the block at `parent` into use: finds it in physical
- * memory (second chance included), makes or finds its entry, usage + 1. parent has usage above 0
- * or a reserve (below). On MNI_ABSENT and MNI_REFUSED nothing changes but the request. */
+ * memory (second chance included), makes or finds its entry, usage + 1. parent has usage above 0.
+ * On MNI_ABSENT and MNI_REFUSED nothing changes but the request.
+ *
+ * What is asked for between two calls of mni_store_sub is one attempt: when a block of it is
+ * absent, those that it gives back stay in memory while it is tried again in every frame; when one
+ * is refused, they do not. */
 mni_answer mni_store_down(mni_store *store, mni_entry parent, mn_block_ref ref, mni_entry *out);
 /* Switch up: one more active node in the block of an entry that may be a mere ancestor. */
 mni_answer mni_store_up(mni_store *store, mni_entry entry);
@@ -84,8 +90,8 @@ mni_answer mni_store_up(mni_store *store, mni_entry entry);
  * to the tail of the free list when nothing references it. */
 void mni_store_add(mni_store *store, mni_entry entry);
 void mni_store_sub(mni_store *store, mni_entry entry);
-/* What was asked for up to here was one attempt (a chain of splits, a collapse), and it is over: what
- * is asked for next has nothing to do with it. */
+/* What was asked for up to here was one attempt (a chain of splits, a collapse), and it is over:
+ * what is asked for next has nothing to do with it. */
 void mni_store_attempt_over(mni_store *store);
 /* Bytes of a block in use; *fresh says that they have been mapped or loaded since the last call for
  * this entry, so that views onto them must be reopened. */
@@ -104,13 +110,20 @@ void mni_store_frame_begin(mni_store *store);
 void mni_store_frame_end(mni_store *store, double frame_s);
 /* Waits until nothing is asked for and nothing is read. */
 void mni_store_drain(mni_store *store);
-/* Reads in flight, commands not yet fetched, retries due: 0 when all is quiet. */
+/* Reads in flight, commands not yet fetched, blocks that this frame missed and the next may find or
+ * ask for: 0 when all is quiet. Blocks that have failed count only when their next try is due. */
 uint32_t mni_store_pending(mni_store *store);
-/* Rises whenever the set of blocks in use or resident changes: what was refused may now be granted.
- */
+/* Rises when a frame ends with other blocks in use than the one before: what was refused may now be
+ * granted. */
 uint64_t mni_store_epoch(const mni_store *store);
 /* Blocks in use and blocks in real memory. */
 void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident);
+
+/* paged, between frames: takes one chunk of place holders out of service and gives its memory back,
+ * or into service again. shrink: false when each chunk holds something in use, or what would be
+ * left is too little for what has been granted; so it may work in a later frame. No allocation. */
+bool mni_store_shrink(mni_store *store);
+bool mni_store_grow(mni_store *store);
 
 void mni_store_stats(mni_store *store, mn_session_stats *out); /* fills the store's own counters */
 /* Invariants 3, 4, 5 of design.md §6 by full recount; usage_of(context, entry) is what the caller

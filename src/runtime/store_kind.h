@@ -41,6 +41,8 @@ typedef struct mni_store_kind {
     uint32_t (*pending)(void *self);
     uint64_t (*epoch)(const void *self);
     uint32_t (*resident)(void *self, uint32_t in_use);
+    bool (*shrink)(void *self, uint32_t table_count); /* NULL: there are no place holders */
+    bool (*grow)(void *self);
     void (*stats)(void *self, mn_session_stats *out);
     void (*check)(void *self, mni_usage_of usage_of, const void *context);
 } mni_store_kind;

@@ -6,7 +6,9 @@
  *
  * Navigate only; the thread that it may start is its own. Only open, drain and, with io_serial,
  * frame_end wait for a disk. Memory: the arena's, by K. (Paper §3.3.2 to 3.3.4) */
+#define _GNU_SOURCE
 #include <stdio.h>
+#include <sys/mman.h>
 
 #include "assert.h"
 #include "frame.h"
@@ -227,6 +229,31 @@ static uint32_t resident(void *self, uint32_t in_use) {
     return mni_pool_resident(&((paged *)self)->pool);
 }
 
+/* Memory that is registered with the kernel would stay: so the registration goes first. */
+static bool shrink(void *self, uint32_t table_count) {
+    paged *p = self;
+    uint32_t chunk;
+    if (!mni_pool_shrink(&p->pool, table_count, &chunk))
+        return false;
+    const mni_holders *holders = &p->pool.holders;
+    size_t chunk_bytes = (size_t)holders->chunk_holders * holders->holder_bytes;
+    size_t left = (size_t)holders->k * holders->holder_bytes - chunk * chunk_bytes;
+    (void)p->disk.method->chunk(p->disk.self, chunk, false);
+    (void)madvise(holders->bytes + chunk * chunk_bytes, left < chunk_bytes ? left : chunk_bytes,
+                  MADV_DONTNEED);
+    return true;
+}
+
+static bool grow(void *self) {
+    paged *p = self;
+    uint32_t chunk;
+    if (!mni_pool_retired(&p->pool, &chunk))
+        return false;
+    (void)p->disk.method->chunk(p->disk.self, chunk, true); /* before anything is read into it */
+    mni_pool_grow(&p->pool, chunk);
+    return true;
+}
+
 static uint64_t ended(const mni_board_counts *counts, mni_end end) {
     uint64_t sum = 0;
     for (int kind = 0; kind < MNI_COMMANDS; kind++)
@@ -277,6 +304,8 @@ const mni_store_kind mni_store_paged = {
     .pending = pending,
     .epoch = epoch,
     .resident = resident,
+    .shrink = shrink,
+    .grow = grow,
     .stats = stats,
     .check = check,
 };

@@ -54,14 +54,15 @@ static void grow(made_file *f, const made_desc *d) {
     for (uint32_t s = 0; s < f->subtrees; s++) {
         uint32_t block = f->subtree[s].block;
         uint64_t dice = mix(d->seed, 1000 + s);
-        uint32_t want = 1 + (uint32_t)(dice % d->fanout_max);
+        uint32_t want = d->regular ? d->fanout_max : 1 + (uint32_t)(dice % d->fanout_max);
         f->subtree[s].first_child = f->subtrees;
         if (f->block[block].depth >= d->depth_max)
             want = 0;
         uint32_t into = MN_NONE;
         for (uint32_t c = 0; c < want; c++) {
             uint64_t die = mix(dice, c);
-            bool fresh = into == MN_NONE || d->blocking == MN_BLOCKING_LEVELS || die % 3 == 0;
+            bool fresh =
+                into == MN_NONE || d->regular || d->blocking == MN_BLOCKING_LEVELS || die % 3 == 0;
             if (fresh && f->blocks >= blocks_max)
                 break;
             if (fresh)

@@ -21,6 +21,7 @@ typedef struct made_desc {
     uint32_t overflow_max; /* longest chain; 0: none */
     uint32_t roots;        /* 0: 1 */
     mn_blocking blocking;
+    bool regular; /* each block has fanout_max children, down to the depth, one subtree a block */
 } made_desc;
 
 typedef struct made_subtree {

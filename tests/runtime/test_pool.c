@@ -1,0 +1,331 @@
+/* Goal: the rules of the pool and the three repairs, each by itself.
+ * Method: made files in which one knows every block; few place holders; the simulated disk without
+ * faults, serial, so that a frame's commands are done when it ends. */
+#include <check.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "holder.h"
+#include "walk.h"
+
+static made_file file;
+static mni_arena arena;
+static mni_store *store;
+static mni_entry root;
+
+/* What happened to place holders, from the trace hook. */
+static struct {
+    uint32_t slot_generation[512]; /* a slot: of its block */
+    uint8_t loading[4096];         /* a block id: reads under way */
+    uint32_t loads;
+} traced;
+
+static void trace(void *context, uint32_t event, uint32_t block_id, uint32_t slot,
+                  uint32_t generation, uint32_t value) {
+    (void)context;
+    if (event == MNI_HOLDER_LOADING) {
+        ck_assert_uint_gt(generation, traced.slot_generation[slot]);
+        traced.slot_generation[slot] = generation;
+        ck_assert_uint_eq(traced.loading[block_id]++, 0); /* never two reads for one block */
+        traced.loads++;
+    } else if (value == MNI_HOLDER_LOADING && event != MNI_HOLDER_EMPTY) {
+        ck_assert_uint_eq(traced.loading[block_id]--, 1);
+    }
+    ck_assert(event == MNI_HOLDER_LOADING || event == MNI_HOLDER_EMPTY ||
+              generation == traced.slot_generation[slot]);
+}
+
+/* Root block 0 with children 1 … fanout, each with fanout children, and so on. */
+static void open_store(mn_blocking blocking, uint32_t fanout, uint32_t blocks, uint32_t k) {
+    memset(&traced, 0, sizeof traced);
+    made_desc made = {.seed = 1,
+                      .blocks = blocks,
+                      .depth_max = 4,
+                      .fanout_max = fanout,
+                      .pages_max = 1,
+                      .blocking = blocking,
+                      .regular = true};
+    made_file_make(&file, &made);
+    mni_store_desc desc = {.path = file.path,
+                           .header = &file.header,
+                           .kind = MN_STORE_PAGED,
+                           .k = k > 0 ? k : mni_store_k_min(&file.header),
+                           .io = MN_IO_SIM,
+                           .io_serial = true,
+                           .check = made_check,
+                           .trace = trace};
+    ck_assert_int_eq(
+        mni_arena_open(&arena, mni_store_need_bytes(&file.header, desc.kind, desc.k), NULL), MN_OK);
+    ck_assert_int_eq(mni_store_open(&desc, &arena, &store, NULL), MN_OK);
+    root = mni_store_root(store, 0);
+}
+
+static void close_store(void) {
+    mni_store_close(store);
+    mni_arena_close(&arena);
+    made_file_free(&file);
+}
+
+static void next_frame(void) {
+    mni_store_frame_end(store, 0.01);
+    mni_store_check_all(store, NULL, NULL);
+    mni_store_frame_begin(store);
+}
+
+static mn_block_ref child_of(uint32_t block, uint32_t index) {
+    for (uint32_t b = 0; b < file.blocks; b++)
+        if (file.block[b].parent == block && index-- == 0)
+            return file.block[b].ref;
+    ck_abort_msg("block %u has no such child", block);
+    return (mn_block_ref){0};
+}
+
+static uint32_t block_of(mn_block_ref ref) {
+    for (uint32_t b = 0; b < file.blocks; b++)
+        if (file.block[b].ref.id == ref.id)
+            return b;
+    return MN_NONE;
+}
+
+static mn_session_stats stats(void) {
+    mn_session_stats s = {0};
+    mni_store_stats(store, &s);
+    return s;
+}
+
+/* Takes a block into use, over as many frames as its fetching takes. */
+static mni_entry take(mni_entry parent, mn_block_ref ref) {
+    mni_entry entry;
+    mni_answer answer = mni_store_down(store, parent, ref, &entry);
+    for (int frame = 0; answer == MNI_ABSENT && frame < 5; frame++) {
+        next_frame();
+        answer = mni_store_down(store, parent, ref, &entry);
+    }
+    ck_assert_int_eq(answer, MNI_GRANTED);
+    return entry;
+}
+
+/* A block in use has its parent and children fetched; unused, a second chance costs no read. */
+START_TEST(prefetch_and_second_chance) {
+    open_store(MN_BLOCKING_LEVELS, 3, 40, 30);
+    next_frame();
+    ck_assert_uint_eq(traced.loads, 4); /* root and its three */
+    mni_entry child = take(root, child_of(0, 0));
+    next_frame();
+    ck_assert_uint_eq(traced.loads, 7);
+    mni_store_sub(store, child);
+    next_frame(); /* its children go to the free list, it stays: the root refers to it */
+    uint32_t in_use, resident;
+    mni_store_levels(store, &in_use, &resident);
+    ck_assert_uint_eq(in_use, 1);
+    ck_assert_uint_eq(resident, 4);
+    child = take(root, child_of(0, 0));
+    next_frame();
+    mni_store_levels(store, &in_use, &resident);
+    ck_assert_uint_eq(resident, 7);
+    ck_assert_uint_eq(traced.loads, 7);
+    ck_assert_uint_eq(stats().second_chances, 3);
+    mni_store_sub(store, child);
+    close_store();
+}
+END_TEST
+
+/* The free list is first in, first out: what was freed first is reused first. */
+START_TEST(first_freed_goes_first) {
+    open_store(MN_BLOCKING_LEVELS, 3, 40, 10);
+    next_frame();
+    mni_entry a = take(root, child_of(0, 0)), b;
+    next_frame(); /* 4 + 3 of 10 */
+    mni_store_sub(store, a);
+    b = take(root, child_of(0, 1)); /* 3 more fill the rest */
+    next_frame();
+    mni_store_sub(store, b);
+    next_frame(); /* free, in this order: children of a, children of b */
+    ck_assert_uint_eq(traced.loads, 10);
+    mni_entry c = take(root, child_of(0, 2)); /* its three take the places of a's */
+    next_frame();
+    ck_assert_uint_eq(traced.loads, 13);
+    mni_store_sub(store, c);
+    b = take(root, child_of(0, 1)); /* b's are still there */
+    next_frame();
+    ck_assert_uint_eq(traced.loads, 13);
+    mni_store_sub(store, b);
+    close_store();
+}
+END_TEST
+
+/* Repair (a): with K = 5, ordinary switches to blocks that are all there would fill every place
+ * with blocks in use. The last is refused, until another goes; and the way up is open. */
+START_TEST(levels_leave_a_place) {
+    open_store(MN_BLOCKING_LEVELS, 2, 15, 5);
+    next_frame();
+    mni_entry c = take(root, child_of(0, 0)), d[2], other;
+    next_frame();
+    ck_assert_uint_eq(traced.loads, 5); /* root, its two children, two of a child's */
+    for (uint32_t i = 0; i < 2; i++)
+        d[i] = take(c, child_of(block_of(child_of(0, 0)), i));
+    mni_answer answer = mni_store_down(store, root, child_of(0, 1), &other);
+    ck_assert_int_eq(answer, MNI_REFUSED);
+    next_frame();
+    ck_assert_int_eq(mni_store_down(store, root, child_of(0, 1), &other), MNI_REFUSED);
+    mni_store_sub(store, c); /* an ancestor only, but a place the more */
+    other = take(root, child_of(0, 1));
+    mni_store_sub(store, root);
+    next_frame();
+    uint32_t in_use, resident;
+    mni_store_levels(store, &in_use, &resident);
+    ck_assert_uint_eq(in_use, 3);
+    for (uint32_t i = 0; i < 2; i++) { /* both ways up */
+        answer = MNI_ABSENT;
+        for (int frame = 0; frame < 5 && answer == MNI_ABSENT; frame++, next_frame())
+            answer = mni_store_up(store, i == 0 ? c : root);
+        ck_assert_int_eq(answer, MNI_GRANTED);
+        mni_store_sub(store, d[i]);
+    }
+    close_store();
+}
+END_TEST
+
+/* Repair (b): packed grants while the blocks in use and their ancestors fit, and no further. */
+START_TEST(packed_counts_ancestors) {
+    open_store(MN_BLOCKING_PACKED, 3, 40, 0);
+    uint32_t k = mni_store_k_min(&file.header);
+    next_frame();
+    mni_entry entry[64] = {root};
+    uint32_t block[64] = {0}, count = 1;
+    bool refused = false;
+    for (uint32_t i = 0; i < count && count < 60 && !refused; i++)
+        for (uint32_t c = 0; c < 3 && !refused && file.block[block[i]].depth < 4; c++) {
+            mn_block_ref ref = child_of(block[i], c);
+            mni_answer answer = MNI_ABSENT;
+            for (int frame = 0; frame < 5 && answer == MNI_ABSENT; frame++, next_frame())
+                answer = mni_store_down(store, entry[i], ref, &entry[count]);
+            refused = answer == MNI_REFUSED;
+            block[count] = block_of(ref);
+            count += answer == MNI_GRANTED;
+        }
+    ck_assert(refused);
+    ck_assert_uint_eq(count, k); /* |A| = K: all are in use here */
+    uint64_t epoch = mni_store_epoch(store);
+    mni_store_sub(store, entry[--count]);
+    next_frame();
+    ck_assert_uint_gt(mni_store_epoch(store), epoch);
+    close_store();
+}
+END_TEST
+
+/* Repair (c), and attempts: the block that a waiting chain has given back is not thrown out by the
+ * one that it waits for, wherever the search for a victim stands. */
+START_TEST(a_chain_keeps_its_blocks) {
+    open_store(MN_BLOCKING_LEVELS, 4, 85, 5);
+    next_frame(); /* all four others hold children of the root, only prefetched */
+    mn_block_ref upper = child_of(0, (uint32_t)_i);
+    mn_block_ref lower = child_of(block_of(upper), 1);
+    mni_entry c, d;
+    ck_assert_int_eq(mni_store_down(store, root, upper, &c), MNI_GRANTED);
+    ck_assert_int_eq(mni_store_down(store, c, lower, &d), MNI_ABSENT);
+    mni_store_sub(store, c);
+    ck_assert_uint_gt(mni_store_pending(store), 0);
+    next_frame();
+    ck_assert_int_eq(mni_store_down(store, root, upper, &c), MNI_GRANTED);
+    ck_assert_int_eq(mni_store_down(store, c, lower, &d), MNI_GRANTED);
+    mni_store_sub(store, d);
+    mni_store_sub(store, c);
+    next_frame();
+    next_frame();
+    ck_assert_uint_eq(mni_store_pending(store), 0);
+    close_store();
+}
+END_TEST
+
+/* A grant that nobody asks for again is dropped: its block can be thrown out. */
+START_TEST(what_is_not_asked_for_is_dropped) {
+    open_store(MN_BLOCKING_LEVELS, 4, 85, 5);
+    next_frame();
+    mn_block_ref upper = child_of(0, 0);
+    mni_entry c = take(root, upper), d;
+    next_frame();
+    for (uint32_t i = 0; i < 4; i++) { /* each in turn, never again */
+        ck_assert_int_ne(mni_store_down(store, c, child_of(block_of(upper), i), &d), MNI_REFUSED);
+        next_frame();
+        next_frame();
+    }
+    mn_session_stats s = stats();
+    ck_assert_uint_ge(s.evictions, 2);
+    ck_assert_uint_eq(s.commands, s.commands_loaded + s.commands_resident + s.commands_given_up);
+    mni_store_sub(store, c);
+    close_store();
+}
+END_TEST
+
+/* A reference to nowhere, or to a block that names another parent, is absent, and nothing is read.
+ */
+START_TEST(lying_references_are_absent) {
+    open_store(MN_BLOCKING_LEVELS, 3, 40, 20);
+    next_frame();
+    mni_entry c = take(root, child_of(0, 0)), d;
+    next_frame();
+    uint32_t loads = traced.loads;
+    mn_block_ref nowhere = {.id = 100000, .pages = 1}, long_one = child_of(0, 1);
+    long_one.pages = 2;
+    ck_assert_int_eq(mni_store_down(store, c, nowhere, &d), MNI_ABSENT);
+    ck_assert_int_eq(mni_store_down(store, root, long_one, &d), MNI_ABSENT);
+    ck_assert_int_eq(mni_store_down(store, c, child_of(0, 1), &d), MNI_ABSENT);
+    ck_assert_int_eq(mni_store_down(store, c, file.block[0].ref, &d), MNI_ABSENT);
+    next_frame();
+    ck_assert_uint_eq(traced.loads, loads);
+    mni_store_sub(store, c);
+    close_store();
+}
+END_TEST
+
+/* Chunks retire and return; the walk goes on. */
+START_TEST(chunks_retire_and_return) {
+    made_desc made = {.seed = 4, .blocks = 1500, .depth_max = 6, .fanout_max = 5, .pages_max = 1};
+    made_file_make(&file, &made);
+    walker w;
+    mni_store_desc desc = {
+        .kind = MN_STORE_PAGED, .io = (mn_io_kind)_i, .k = 1300, .io_serial = true};
+    ck_assert(walker_open(&w, &file, desc)); /* three chunks: 512, 512, 276 */
+    ck_assert(!mni_store_grow(w.store));
+    for (uint64_t camera = 1; camera < 8; camera++)
+        walker_settle(&w, camera * 31, 50);
+    walker_settle(&w, 0, 100);
+    uint32_t shrunk = 0, grown = 0;
+    for (; mni_store_shrink(w.store); shrunk++)
+        walker_check(&w);
+    ck_assert_uint_ge(shrunk, 1);
+    ck_assert_uint_le(shrunk, 2);
+    for (uint64_t camera = 8; camera < 16; camera++)
+        walker_settle(&w, camera * 31, 50);
+    for (; mni_store_grow(w.store); grown++)
+        walker_check(&w);
+    ck_assert_uint_eq(shrunk, grown);
+    for (uint64_t camera = 16; camera < 24; camera++)
+        walker_settle(&w, camera * 31, 50);
+    ck_assert_uint_lt(walker_settle(&w, 0, 100), 100);
+    ck_assert(walker_at_roots(&w));
+    walker_close(&w);
+    made_file_free(&file);
+}
+END_TEST
+
+int main(void) {
+    Suite *suite = suite_create("pool");
+    TCase *tests = tcase_create("pool");
+    tcase_set_timeout(tests, 60);
+    tcase_add_test(tests, prefetch_and_second_chance);
+    tcase_add_test(tests, first_freed_goes_first);
+    tcase_add_test(tests, levels_leave_a_place);
+    tcase_add_test(tests, packed_counts_ancestors);
+    tcase_add_loop_test(tests, a_chain_keeps_its_blocks, 0, 4);
+    tcase_add_test(tests, what_is_not_asked_for_is_dropped);
+    tcase_add_test(tests, lying_references_are_absent);
+    tcase_add_loop_test(tests, chunks_retire_and_return, MN_IO_URING, MN_IO_SIM + 1);
+    suite_add_tcase(suite, tests);
+    SRunner *runner = srunner_create(suite);
+    srunner_run_all(runner, CK_ENV);
+    int failed = srunner_ntests_failed(runner);
+    srunner_free(runner);
+    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+}
