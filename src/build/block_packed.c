@@ -91,12 +91,6 @@ static uint64_t inner_below(const mn_tree *t, uint32_t node) {
 
 /* ---- tallies -------------------------------------------------------------------------------- */
 
-static void tally_start(const packer *p, mni_tally *tally) {
-    mni_tally_init(tally, p->plan->tree->leaf_color != NULL);
-    tally->min[14] = 0; /* the kinds of children are not final while nodes are added */
-    tally->max[14] = 8;
-}
-
 static bool overflows(const packer *p, uint32_t node) {
     const mn_tree *t = p->plan->tree;
     return t->simplex_start[node + 1] - t->simplex_start[node] > p->plan->simplices_max;
@@ -224,7 +218,7 @@ static mn_code fill(packer *p, uint32_t block, double share) {
     mni_plan *plan = p->plan;
     const mni_planned *b = &plan->block[block];
     p->waiting = p->overflows = 0;
-    tally_start(p, &p->tally);
+    mni_tally_init(&p->tally, p->plan->tree->leaf_color != NULL);
     for (uint32_t r = 0; r < b->root_count; r++) {
         const mni_plan_root *root = &plan->root[b->root_first + r];
         if (root->whole) {
@@ -296,7 +290,7 @@ static bin *new_bin(packer *p, bool is_group) {
         return NULL;
     bin *b = &p->bin[p->bins++];
     *b = (bin){.is_group = is_group, .open = true, .order = MN_NONE};
-    tally_start(p, &b->tally);
+    mni_tally_init(&b->tally, p->plan->tree->leaf_color != NULL);
     return b;
 }
 

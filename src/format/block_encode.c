@@ -10,7 +10,7 @@
 #include "frame.h"
 
 static bool is_range_column(uint32_t c) {
-    return c <= COL_KINDS || (c >= COL_SUB_LO && c < COL_END);
+    return c < COL_KINDS || (c >= COL_SUB_LO && c < COL_END);
 }
 
 void mni_tally_init(mni_tally *tally, bool has_colors) {
@@ -39,6 +39,7 @@ static void color_words(bool has_colors, uint32_t color, uint32_t word[4]) {
         word[i] = has_colors ? color >> (8 * i) & 255 : 0;
 }
 
+enum { KINDS_MAX = 3 * MNI_CHILD_SUBTREE + MNI_CHILD_SUBTREE };
 enum { NODE_WORDS = COL_KINDS + 1, SUBTREE_WORDS = COL_CORNER - COL_SUB_LO };
 
 static void node_words(const mni_node *node, bool has_colors, uint32_t word[NODE_WORDS]) {
@@ -106,6 +107,8 @@ void mni_tally_simplex(mni_tally *tally, const uint32_t corner[3]) {
 
 static uint32_t column_width(const mni_tally *tally, uint32_t refs, uint32_t column) {
     switch (column) {
+    case COL_KINDS: /* of a fixed width, as kinds change while a block is filled */
+        return tally->nodes > 0 ? mni_bits(KINDS_MAX) : 0;
     case COL_RIGHT:
     case COL_SUB_NODE:
         return mni_bits(tally->nodes);
