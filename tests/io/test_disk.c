@@ -1,0 +1,198 @@
+/* Goal: every method returns the file's bytes, each read once; the simulated disk does what its
+ * seed says, and nothing else. Method: a file of numbered pages, all depths, all tags. */
+#include <check.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "disk.h"
+
+enum { PAGES = 256, READ_PAGES = 2, READ_BYTES = READ_PAGES * MN_PAGE_BYTES, CHUNK_READS = 5 };
+
+static char path[32];
+static mni_arena arena;
+static mni_disk disk;
+static unsigned char *memory;
+
+static void make_file(void) {
+    strcpy(path, "/tmp/mn-disk-XXXXXX");
+    int fd = mkstemp(path);
+    unsigned char page[MN_PAGE_BYTES];
+    for (int i = 0; i < PAGES; i++) {
+        memset(page, i, sizeof page);
+        ck_assert_int_eq(write(fd, page, sizeof page), sizeof page);
+    }
+    close(fd);
+}
+
+static void remove_file(void) {
+    unlink(path);
+}
+
+static void warn(void *context, const char *text) {
+    (void)context;
+    printf("warning: %s\n", text);
+}
+
+static mn_code open_disk(mn_io_kind kind, uint64_t file_bytes, mn_sim_desc sim, mn_status *st) {
+    size_t all = (size_t)MNI_DISK_DEPTH * READ_BYTES;
+    ck_assert_int_eq(mni_arena_open(&arena, mni_disk_need() + all + MN_PAGE_BYTES, NULL), MN_OK);
+    memory = mni_arena_take(&arena, all, 1, MN_PAGE_BYTES);
+    mni_disk_desc desc = {.path = path,
+                          .kind = kind,
+                          .file_bytes = file_bytes,
+                          .chunks = {.base = memory,
+                                     .chunk_bytes = CHUNK_READS * READ_BYTES,
+                                     .all_bytes = all,
+                                     .count = (MNI_DISK_DEPTH + CHUNK_READS - 1) / CHUNK_READS},
+                          .seed = 5,
+                          .sim = sim,
+                          .warn = warn};
+    return mni_disk_open(&disk, &desc, &arena, st);
+}
+
+static void close_disk(void) {
+    mni_disk_close(&disk);
+    mni_arena_close(&arena);
+}
+
+static bool submit(uint32_t tag, uint32_t page) {
+    mni_read read = {.offset = (uint64_t)page * MN_PAGE_BYTES,
+                     .bytes = memory + (size_t)tag * READ_BYTES,
+                     .length_bytes = READ_BYTES,
+                     .chunk = tag / CHUNK_READS,
+                     .tag = tag};
+    return disk.method->submit(disk.self, &read);
+}
+
+static uint32_t collect(mni_done *done) {
+    if (disk.method->own_time)
+        (void)disk.method->advance(disk.self, UINT64_MAX);
+    return disk.method->collect(disk.self, done, MNI_DISK_DEPTH, true);
+}
+
+START_TEST(every_read_comes_once) {
+    ck_assert_int_eq(open_disk((mn_io_kind)_i, PAGES * MN_PAGE_BYTES, (mn_sim_desc){0}, NULL),
+                     MN_OK);
+    for (uint32_t round = 0; round < 20; round++) {
+        uint32_t sent = 0, back = 0;
+        bool seen[MNI_DISK_DEPTH] = {false};
+        while (sent < disk.method->depth && submit(sent, (round * 11 + sent * 3) % (PAGES - 1)))
+            sent++;
+        ck_assert_uint_eq(sent, disk.method->depth);
+        while (back < sent) {
+            mni_done done[MNI_DISK_DEPTH];
+            uint32_t count = collect(done);
+            for (uint32_t i = 0; i < count; i++, back++) {
+                uint32_t tag = done[i].tag, page = (round * 11 + tag * 3) % (PAGES - 1);
+                ck_assert_int_eq(done[i].result, READ_BYTES);
+                ck_assert(!seen[tag]);
+                seen[tag] = true;
+                ck_assert_uint_eq(memory[(size_t)tag * READ_BYTES], page);
+                ck_assert_uint_eq(memory[(size_t)(tag + 1) * READ_BYTES - 1], page + 1);
+            }
+        }
+        mni_done none[MNI_DISK_DEPTH];
+        ck_assert_uint_eq(disk.method->collect(disk.self, none, MNI_DISK_DEPTH, false), 0);
+    }
+    close_disk();
+}
+END_TEST
+
+START_TEST(chunks_come_and_go) {
+    ck_assert_int_eq(open_disk((mn_io_kind)_i, PAGES * MN_PAGE_BYTES, (mn_sim_desc){0}, NULL),
+                     MN_OK);
+    for (int round = 0; round < 10; round++) {
+        ck_assert(disk.method->chunk(disk.self, 1, false));
+        ck_assert(disk.method->chunk(disk.self, 1, true));
+        mni_done done[MNI_DISK_DEPTH];
+        uint32_t tag = disk.method->depth > CHUNK_READS ? CHUNK_READS : 0; /* first of chunk 1 */
+        ck_assert(submit(tag, 7));
+        while (collect(done) == 0) {
+        }
+        ck_assert_int_eq(done[0].result, READ_BYTES);
+    }
+    close_disk();
+}
+END_TEST
+
+START_TEST(short_file_is_refused) {
+    mn_status st = {0};
+    ck_assert_int_eq(open_disk((mn_io_kind)_i, (PAGES + 1) * MN_PAGE_BYTES, (mn_sim_desc){0}, &st),
+                     MN_BAD_INPUT);
+    ck_assert_ptr_nonnull(strstr(st.text, path));
+    mni_arena_close(&arena);
+}
+END_TEST
+
+/* Each fault alone at certainty: it happens to every read; with faults off, to none. */
+START_TEST(faults_as_told) {
+    enum { EIO_, EAGAIN_, SHORT, CORRUPT, MISPLACED, FAULTS };
+    for (int fault = 0; fault < FAULTS; fault++)
+        for (int on = 0; on < 2; on++) {
+            mn_sim_desc sim = {.eio = fault == EIO_ ? 1000 : 0,
+                               .eagain = fault == EAGAIN_ ? 1000 : 0,
+                               .short_read = fault == SHORT ? 1000 : 0,
+                               .corrupt = fault == CORRUPT ? 1000 : 0,
+                               .misplaced = fault == MISPLACED ? 1000 : 0};
+            ck_assert_int_eq(open_disk(MN_IO_SIM, PAGES * MN_PAGE_BYTES, sim, NULL), MN_OK);
+            disk.method->faults(disk.self, on == 1);
+            mni_done done[MNI_DISK_DEPTH];
+            ck_assert(submit(3, 100));
+            ck_assert_uint_eq(collect(done), 1);
+            bool right = done[0].result == READ_BYTES;
+            for (int i = 0; right && i < READ_BYTES; i++)
+                right = memory[3 * READ_BYTES + i] == 100 + i / MN_PAGE_BYTES;
+            ck_assert_int_eq(right, on == 0);
+            if (on == 1 && fault == EIO_)
+                ck_assert_int_eq(done[0].result, -EIO);
+            if (on == 1 && fault == EAGAIN_)
+                ck_assert_int_eq(done[0].result, -EAGAIN);
+            if (on == 1 && fault == SHORT)
+                ck_assert(done[0].result > 0 && done[0].result < READ_BYTES);
+            close_disk();
+        }
+}
+END_TEST
+
+/* In the order of submission without reorder; not with it; the same each time. */
+START_TEST(order_is_the_seeds) {
+    uint32_t order[3][MNI_DISK_DEPTH];
+    for (int run = 0; run < 3; run++) {
+        mn_sim_desc sim = {.delay_us_max = 1000, .reorder = run > 0 ? 500 : 0};
+        ck_assert_int_eq(open_disk(MN_IO_SIM, PAGES * MN_PAGE_BYTES, sim, NULL), MN_OK);
+        for (uint32_t tag = 0; tag < MNI_DISK_DEPTH; tag++)
+            ck_assert(submit(tag, tag));
+        for (uint32_t back = 0; back < MNI_DISK_DEPTH;) {
+            mni_done done[MNI_DISK_DEPTH];
+            uint32_t count = collect(done);
+            for (uint32_t i = 0; i < count; i++)
+                order[run][back++] = done[i].tag;
+        }
+        close_disk();
+    }
+    for (uint32_t i = 0; i < MNI_DISK_DEPTH; i++)
+        ck_assert_uint_eq(order[0][i], i);
+    ck_assert_mem_ne(order[0], order[1], sizeof order[0]);
+    ck_assert_mem_eq(order[1], order[2], sizeof order[1]);
+}
+END_TEST
+
+int main(void) {
+    Suite *suite = suite_create("disk");
+    TCase *tests = tcase_create("disk");
+    tcase_add_checked_fixture(tests, make_file, remove_file);
+    tcase_add_loop_test(tests, every_read_comes_once, MN_IO_URING, MN_IO_SIM + 1);
+    tcase_add_loop_test(tests, chunks_come_and_go, MN_IO_URING, MN_IO_SIM + 1);
+    tcase_add_loop_test(tests, short_file_is_refused, MN_IO_URING, MN_IO_SIM + 1);
+    tcase_add_test(tests, faults_as_told);
+    tcase_add_test(tests, order_is_the_seeds);
+    suite_add_tcase(suite, tests);
+    SRunner *runner = srunner_create(suite);
+    srunner_run_all(runner, CK_ENV);
+    int failed = srunner_ntests_failed(runner);
+    srunner_free(runner);
+    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+}
