@@ -175,10 +175,12 @@ static bool doubles(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
 }
 
 /* r is singular: kr must be too, r on exactly two singular edges with equal numbers of triangles,
- * and these must hold its triangles together. */
+ * and these must hold its triangles together. All but the first is r's own affair: an edge with
+ * thousands of faces need not be asked about each of them. */
 static bool singular_may_go(mni_judge *j, uint32_t k) {
     uint32_t singular = 0, triangles[2] = {0, 0}, group = MN_NONE;
     bool k_singular = false;
+    j->stuck = true;
     for (uint32_t i = 0; i < j->ring_count; i++) {
         const mni_ring_vertex *n = &j->ring[i];
         if (group == MN_NONE)
@@ -192,7 +194,10 @@ static bool singular_may_go(mni_judge *j, uint32_t k) {
         triangles[singular++] = n->triangles;
         k_singular |= n->vertex == k;
     }
-    return singular == 2 && triangles[0] == triangles[1] && k_singular;
+    if (singular != 2 || triangles[0] != triangles[1])
+        return false;
+    j->stuck = false;
+    return k_singular;
 }
 
 static bool singular_vertex(mni_judge *j) {
@@ -205,12 +210,15 @@ static bool singular_vertex(mni_judge *j) {
 
 bool mni_judge_link(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     uint32_t count, at;
+    j->stuck = false;
     mni_judge_ring(j, s, r);
     bool kr = in_ring(j, k, &at);
     MN_ASSERT(kr);
     const mni_ring_vertex *edge = &j->ring[at];
     if (edge->triangles == 0) /* a hinge alone joins them: only a vertex that hangs by it goes */
         return j->ring_count == 1 && edge->hinges == 1;
+    if (singular_vertex(j) && !singular_may_go(j, k))
+        return false;
     const uint32_t *fan = mni_surface_fan(s, r, &count);
     for (uint32_t i = 0; i < count; i++) {
         const mni_simplex *x = &s->simplex[fan[i]];
@@ -221,8 +229,6 @@ bool mni_judge_link(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
                 ++j->ring[at].apexes > 1)
                 return false;
     }
-    if (singular_vertex(j) && !singular_may_go(j, k))
-        return false;
     return !strays(j, s, r, k) && !doubles(j, s, r, k);
 }
 

@@ -28,6 +28,7 @@ typedef struct mni_judge {
     uint32_t ring_count, ring_room;
     uint64_t *seen; /* a vertex: epoch << 32 | index in ring */
     uint32_t epoch;
+    bool stuck;     /* after mni_judge_link said no: r may go nowhere, whatever k is */
     bool no_memory; /* sticky: the answers are worthless */
 } mni_judge;
 

@@ -258,7 +258,10 @@ static mn_code run_stage(mni_simplifier *s, int stage) {
         if (s->stale[r] || cost_of(s, r, key.kept) > key.cost) {
             offer(s, r);
         } else if (!allowed(s, r, key.kept)) {
-            offer_next(s, r);
+            if (s->judge.stuck)
+                mni_heap_remove(&s->heap, r);
+            else
+                offer_next(s, r);
         } else {
             mn_code code = collapse(s, r, key.kept);
             if (code != MN_OK)
