@@ -77,7 +77,8 @@ typedef struct mn_session_desc {
                     assert that each edge of each front is used equally often both ways */
     mn_trace_hook trace;
     void *trace_context;
-    void (*warn)(void *context, const char *text); /* one line; NULL: silence. Only during open */
+    /* One line; NULL: silence. On the caller's thread: at open, and once for each bad block. */
+    void (*warn)(void *context, const char *text);
     void *warn_context;
 } mn_session_desc;
 
