@@ -232,6 +232,19 @@ bool mni_judge_link(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     return !strays(j, s, r, k) && !doubles(j, s, r, k);
 }
 
+/* Whether the sign of the dot product is not known for certain, the unit normal being floats. */
+static bool near_right_angle(const double *unit, const double *n) {
+    double d = dot(unit, n);
+    return d * d < 1e-12 * dot(n, n);
+}
+
+/* The normal of t's input triangle, of any length. */
+static void input_cross(const mni_surface *s, uint32_t t, double n[3]) {
+    const uint32_t *o = &s->origin[3 * (size_t)t];
+    cross(&s->position[3 * (size_t)o[0]], &s->position[3 * (size_t)o[1]],
+          &s->position[3 * (size_t)o[2]], n);
+}
+
 bool mni_judge_fold(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     uint32_t count;
     const uint32_t *fan = mni_surface_fan(s, r, &count);
@@ -248,6 +261,8 @@ bool mni_judge_fold(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
         cross(from, a, b, before);
         cross(to, a, b, after);
         double input[3] = {first[0], first[1], first[2]};
+        if (near_right_angle(input, after))
+            input_cross(s, fan[i], input);
         if (!(dot(after, after) > 0))
             return false;
         if (dot(before, before) > 0 && !(dot(before, after) > 0))

@@ -4,18 +4,14 @@
 
 #include <math.h>
 
-static void add_plane(mni_quadric *q, const double n[3], const float p[3], double weight) {
-    double d = -(n[0] * p[0] + n[1] * p[1] + n[2] * p[2]);
+/* A plane through the quadric's own vertex, from where distances count: no linear part. */
+static void add_plane(mni_quadric *q, const double n[3], double weight) {
     q->xx += weight * n[0] * n[0];
     q->xy += weight * n[0] * n[1];
     q->xz += weight * n[0] * n[2];
     q->yy += weight * n[1] * n[1];
     q->yz += weight * n[1] * n[2];
     q->zz += weight * n[2] * n[2];
-    q->x += weight * n[0] * d;
-    q->y += weight * n[1] * d;
-    q->z += weight * n[2] * d;
-    q->c += weight * d * d;
 }
 
 static void edge_of(const float *from, const float *to, double e[3]) {
@@ -56,8 +52,8 @@ void mni_quadric_wall(mni_quadric *quadric, const mn_mesh *mesh, mni_surface *su
         cross(along, normal, wall);
         double length2 = along[0] * along[0] + along[1] * along[1] + along[2] * along[2];
         if (unit(wall) > 0) {
-            add_plane(&quadric[v], wall, pv, length2);
-            add_plane(&quadric[w], wall, pv, length2);
+            add_plane(&quadric[v], wall, length2);
+            add_plane(&quadric[w], wall, length2);
         }
     }
 }
@@ -73,6 +69,6 @@ void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh) {
         double area = 0.5 * unit(n);
         if (area > 0)
             for (int i = 0; i < 3; i++)
-                add_plane(&quadric[c[i]], n, p, area);
+                add_plane(&quadric[c[i]], n, area);
     }
 }

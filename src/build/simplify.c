@@ -20,9 +20,9 @@
 
 #include "assert.h"
 
-/* Enough for shallow trees in flat parts (fandisk: depth 23, without it 801), too little to be seen
- * in the distance to the original. */
-#define LENGTH_SHARE 1e-9
+/* What k's own candidates cost rises with its quadric, but for rounding: so much below the old
+ * bound is a bound still. */
+#define FLOOR_MARGIN 0.99999f
 
 enum {
     PROGRESS_EVERY = 1 << 14,
@@ -39,18 +39,8 @@ static double now_s(void) {
 
 /* ---- candidates ---- */
 
-/* qem: the quadric's value, and a share of the edge's squared length, weighted as the quadric is:
- * in flat parts, where every collapse is free, it keeps short edges first and trees shallow. */
 static float cost_of(const mni_simplifier *s, uint32_t r, uint32_t k) {
-    const float *to = &s->mesh->position[3 * (size_t)k];
-    const float *from = &s->mesh->position[3 * (size_t)r];
-    double x = (double)to[0] - from[0], y = (double)to[1] - from[1], z = (double)to[2] - from[2];
-    double length2 = x * x + y * y + z * z;
-    if (s->quadric == NULL)
-        return (float)length2;
-    const mni_quadric *a = &s->quadric[r], *b = &s->quadric[k];
-    double weight = a->xx + a->yy + a->zz + b->xx + b->yy + b->zz;
-    return (float)(mni_quadric_at(a, b, to) + LENGTH_SHARE * weight * length2);
+    return mni_collapse_cost(s->mesh, s->quadric, r, k);
 }
 
 /* In a large mesh every vertex of a ring is a cache miss, and the misses may as well overlap. */
@@ -227,8 +217,12 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     if (!mni_surface_collapse(&s->surface, r, k, s->made.count))
         return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
     mni_heap_remove(&s->heap, r);
-    if (s->quadric != NULL)
-        mni_quadric_add(&s->quadric[k], &s->quadric[r]);
+    if (s->quadric != NULL) {
+        double d[3];
+        mni_way(s->mesh, r, k, d);
+        mni_quadric_add(&s->quadric[k], &s->quadric[r], d);
+        s->floor[k].cost *= FLOOR_MARGIN;
+    }
     for (uint32_t i = 0; i < s->judge.ring_count; i++) {
         uint32_t n = s->judge.ring[i].vertex;
         if (n != k) {
