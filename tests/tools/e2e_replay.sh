@@ -1,0 +1,153 @@
+#!/usr/bin/env bash
+# Goal: whatever the model, path, store and number of place holders, a navigation settles, comes back to
+# the roots, counts right, allocates nothing, and can be repeated.
+# Method: replay on made models; sums that must agree, figures of two runs, settled fronts of many. In a
+# build with slow_checks every front passed through is recounted as well.
+# e2e_replay.sh [BUILD]
+source "$(dirname "$0")/e2e_lib.sh"
+source "$(dirname "$0")/e2e_shapes.sh"
+cd "$scratch"
+
+# design.md §5, all of them, and front_hash.
+replay_keys=(frames adapt_mean triangles_mean triangles_max front_over_wanted tolerance_px misses
+    miss_rate_mean miss_rate_overall refused_front refused_budget refused_pool waits_dependency settle_frames
+    back_at_roots commands commands_loaded commands_resident commands_given_up commands_failed nav_ms_mean
+    nav_ms_p50 nav_ms_p99 nav_ms_max error_px_p50 error_px_p95 error_px_max reads read_bytes second_chances
+    prefetches prefetches_given_up urgent_up urgent_down urgent_down_refused evictions k l block_bytes_max
+    ram_cap_bytes ram_planned_bytes rss_peak_bytes gl_rss_bytes allocations_after_seal store
+    checksum_failures io_errors front_hash)
+
+# build_model NAME: NAME-packed.mnt in blocks of 4 KiB, so that there are many, and NAME-levels.mnt.
+build_model() {
+    local mesh=$1.ply
+    if [[ ! -f $mesh ]]; then
+        mesh=$1.obj
+        shape "$1" >"$mesh"
+    fi
+    expect 0 "$1" build "$mesh" -o "$1-packed.mnt" --block-bytes 4096 --metric "${2-qem}" &&
+        expect 0 "$1" build "$mesh" -o "$1-levels.mnt" --blocking levels -L 3 --metric "${2-qem}"
+}
+
+# navigated NAME ARGUMENT…: replay with --settle, and what must hold of any.
+navigated() {
+    local name=$1 sum
+    shift
+    expect 0 "$name" replay "$@" --fps 0 --settle --json || return 1
+    if [[ -s $err ]] && ! grep -q 'warning' "$err"; then
+        fail "$name: it said something"
+    fi
+    check "$name: keys" "$helpers/e2e_json" "${replay_keys[@]}" <"$out"
+    equal "$name" back_at_roots true
+    equal "$name" allocations_after_seal 0
+    equal "$name" checksum_failures 0
+    equal "$name" io_errors 0
+    sum=$(figures commands_loaded commands_resident commands_given_up commands_failed | paste -sd+)
+    holds "$name: every command ends once" "$(figures commands) == $sum"
+    holds "$name: settles" "$(figures settle_frames) < 100000"
+    holds "$name: quantiles" "$(figures nav_ms_p50 nav_ms_p99 nav_ms_max | paste -sd' ' |
+        awk '{print ($1 <= $2 && $2 <= $3)}')"
+}
+
+# ---- every model, path, store ---------------------------------------------------------------------
+
+models=(torus components fins lone twice one flat bowtie moebius dirty sheet spine)
+stores=("paged -K min" "paged -K 12" "paged --ram 16M" "mapped" "resident")
+
+every_combination() {
+    local model path kind store turn=0
+    for model in "${models[@]}"; do
+        build_model "$model" || continue
+        for path in orbit dive flyover; do
+            # each store with each path, blockings in turn
+            for store in "${stores[@]}"; do
+                turn=$((turn + 1))
+                kind=packed
+                [[ $((turn % 2)) -eq 0 ]] || kind=levels
+                # shellcheck disable=SC2086
+                navigated "$model-$kind $path $store" "$model-$kind.mnt" --path "$path" --frames 30 \
+                    --store $store || true
+            done
+        done
+    done
+}
+
+# ---- settled fronts ---------------------------------------------------------------------------------
+
+# fronts NAME ARGUMENT…: the front after each frame, all of them settled, as NAME.fronts.
+fronts() {
+    local name=$1
+    shift
+    expect 0 "fronts of $name" replay "$@" --barrier --degrade off --fps 0 --frames 16 --csv "$name.csv" ||
+        return 1
+    awk -F, 'NR == 1 {for (i = 1; i <= NF; i++) if ($i == "front_hash") c = i; n = NF}
+        NF != n || (NR > 1 && $c !~ /^[0-9a-f]+$/) {bad = 1} NR > 1 {print $c} END {exit bad || NR != 17}' \
+        "$name.csv" >"$name.fronts" || fail "$name: not a row of equal columns a frame"
+}
+
+# One front a camera, whatever gives the blocks, however they are cut, and whichever way it was reached.
+settled_fronts() {
+    local model=$1 path
+    for path in orbit dive flyover; do
+        fronts reference "$model-packed.mnt" --path "$path" --store resident || continue
+        holds "$model $path: the front moves" "$(sort -u reference.fronts | wc -l) > 3"
+        local -A run=([mapped]="$model-packed.mnt --store mapped" [levels]="$model-levels.mnt --store resident"
+            [paged]="$model-packed.mnt --store paged" [pread]="$model-levels.mnt --io pread"
+            [sim]="$model-packed.mnt --io sim --seed 3" [budget]="$model-packed.mnt --nav-ops 40"
+            [serial]="$model-levels.mnt --io-serial")
+        for name in "${!run[@]}"; do
+            # shellcheck disable=SC2086
+            fronts "$name" ${run[$name]} --path "$path" &&
+                check "$model $path: $name has resident's fronts" cmp "$name.fronts" reference.fronts
+        done
+    done
+}
+
+# ---- the same figures twice -------------------------------------------------------------------------
+
+same_figures() {
+    local model=$1 io
+    for io in sim pread uring; do
+        for run in first second; do
+            expect 0 "repeat $io" replay "$model-packed.mnt" --path dive --frames 60 -K 12 --io "$io" --io-serial \
+                --seed 7 --fps 0 --settle --json --csv "$run.csv" || return 0
+            grep -vE '"(nav_ms|rss|gl_rss)' "$out" >"$run.json"
+            awk -F, 'NR == 1 {for (i = 1; i <= NF; i++) if ($i == "nav_ms") c = i} {$c = ""; print}' "$run.csv" \
+                >"$run.rows"
+        done
+        check "$io: the same figures twice" cmp first.json second.json
+        check "$io: the same rows twice" cmp first.rows second.rows
+    done
+}
+
+# ---- what is asked for is heeded --------------------------------------------------------------------
+
+options() {
+    local file=$1 coarse fine smallest
+    expect 0 "fine" replay "$file" --path orbit --frames 5 --store resident --barrier --tolerance 0.25 --json &&
+        fine=$(figures triangles_mean)
+    expect 0 "coarse" replay "$file" --path orbit --frames 5 --store resident --barrier --tolerance 8 --json &&
+        coarse=$(figures triangles_mean)
+    holds "a smaller tolerance gives more triangles" "$coarse < 0.7 * $fine"
+    expect 0 "frames" replay "$file" --path flyover --frames 7 --fps 0 --json && equal frames frames 7
+    expect 0 "one frame" replay "$file" --path dive --frames 1 --fps 0 --json && equal "one frame" frames 1
+    expect 0 "budget" replay "$file" --path orbit --frames 10 --fps 0 --nav-ops 5 --json --csv budget.csv &&
+        holds "budget: adapt" "$(awk -F, 'NR > 1 && $2 > m {m = $2} END {print m + 0}' budget.csv) <= 40"
+    printf 'metanode path 1\n0 0 9 0 0 0 0 1 0\n# on a line\n\n0 0 3 0 0 0 0 1 0 60\n' >cameras.path
+    expect 0 "path file" replay "$file" --path cameras.path --fps 0 --json && equal "path file" frames 2
+    expect 0 "text" replay "$file" --path orbit --frames 3 --fps 0 && check "text" grep -q 'frames' "$out"
+
+    expect 5 "cap too small" replay "$file" --path orbit --ram 600K -K min && one_line "cap too small" --ram
+    smallest=$(grep -oE '[0-9.]+[KMG]?i?B? ?' "$err" | tail -1 | tr -d ' ')
+    expect 0 "the smallest cap ($smallest)" replay "$file" --path orbit --ram "$smallest" -K min --frames 10 --fps 0 \
+        --settle --json && equal "the smallest cap" back_at_roots true
+    expect 5 "K does not fit" replay "$file" --path orbit --ram 4M -K 100000 && one_line "K does not fit" --ram
+}
+
+part every_combination
+expect 0 hills make terrain --triangles 6000 --seed 5 -o hills.ply || finish
+build_model hills || finish
+part settled_fronts torus
+part settled_fronts hills
+part same_figures hills
+part options hills-packed.mnt
+finish
