@@ -46,10 +46,10 @@ typedef enum mn_reader { MN_READER_OWN = 0, MN_READER_OPENMESH = 1 } mn_reader;
 typedef bool (*mn_progress)(void *context, const char *phase, uint64_t done, uint64_t total);
 
 typedef struct mn_read_desc {
-    mn_weld weld;           /* default on; STL is always welded */
-    mn_reader reader;       /* default: ours; .om always goes through OpenMesh's helper */
-    uint64_t ram_bytes;     /* memory that reading may take, result included; 0: no bound.
-                               Exceeding it is MN_CAP_TOO_SMALL, said before it is allocated */
+    mn_weld weld;       /* default on; STL is always welded */
+    mn_reader reader;   /* default: ours; .om always goes through OpenMesh's helper */
+    uint64_t ram_bytes; /* memory that reading may take, result included; 0: no bound.
+                           Exceeding it is MN_CAP_TOO_SMALL, said before it is allocated */
     /* What the caller will need for such a mesh afterwards, the mesh included, as
      * mn_simplify_need_bytes: held against ram_bytes too, so that a refusal comes early and names
      * a number that works to the end. NULL: nothing. */

@@ -1,6 +1,6 @@
-/* Counting different things in little memory, by HyperLogLog: a register for each of 16,384 kinds of
- * hash keeps the longest run of leading zeros seen, which grows with the logarithm of their number.
- * Any thread, one a sketch. Owns nothing. */
+/* Counting different things in little memory, by HyperLogLog: a register for each of 16,384 kinds
+ * of hash keeps the longest run of leading zeros seen, which grows with the logarithm of their
+ * number. Any thread, one a sketch. Owns nothing. */
 #include "sketch.h"
 
 #include <math.h>

@@ -219,7 +219,7 @@ static int compare_edges(const void *a, const void *b) {
 /* Invariant 1 for a closed manifold: each edge once each way (legal), or as often each way. */
 static void check_edges(const front *f, const uint32_t *kill, uint32_t above, bool legal) {
     const mn_tree *t = f->tree;
-    uint32_t (*edge)[2] = malloc((size_t)t->simplices * 6 * sizeof *edge), count = 0;
+    uint32_t(*edge)[2] = malloc((size_t)t->simplices * 6 * sizeof *edge), count = 0;
     for (uint32_t x = 0; x < t->simplices; x++) {
         const uint32_t *c = &t->corner[3 * x];
         if (kill[x] < above || c[2] == MN_NONE)
@@ -335,8 +335,9 @@ static void check_model(model m, mn_metric metric) {
     free_model(&m);
 }
 
-static model (*const makers[])(void) = {tetrahedron, torus,      globe, lone_triangles, one_triangle,
-                                        zero_area,   many_parts, fins,  bow_tie,        book};
+static model (*const makers[])(void) = {tetrahedron,  torus,     globe,      lone_triangles,
+                                        one_triangle, zero_area, many_parts, fins,
+                                        bow_tie,      book};
 
 START_TEST(every_kind_of_mesh) {
     check_model(makers[_i](), MN_METRIC_QEM);
@@ -430,10 +431,10 @@ START_TEST(link_condition) {
     ck_assert(legal(&m, 0, 1)); /* an ear: both edges singular, one triangle each */
     free_model(&m);
     m = sheet(3);
-    ck_assert(legal(&m, 5, 6));   /* inside */
-    ck_assert(legal(&m, 5, 1));   /* from inside to the boundary */
-    ck_assert(!legal(&m, 1, 5));  /* not from the boundary inwards */
-    ck_assert(legal(&m, 1, 2));   /* along the boundary */
+    ck_assert(legal(&m, 5, 6));  /* inside */
+    ck_assert(legal(&m, 5, 1));  /* from inside to the boundary */
+    ck_assert(!legal(&m, 1, 5)); /* not from the boundary inwards */
+    ck_assert(legal(&m, 1, 2));  /* along the boundary */
     free_model(&m);
     m = bow_tie();
     ck_assert(!legal(&m, 0, 1)); /* the tip joins two fans */

@@ -20,8 +20,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 static void check_mesh(const mn_mesh *mesh) {
     const mn_intake *c = &mesh->intake;
     MN_ASSERT(mesh->triangles > 0 && mesh->vertices > 2);
-    MN_ASSERT(c->input_faces == mesh->triangles + c->duplicate_faces + c->degenerate_faces +
-                                    c->nonfinite_faces);
+    MN_ASSERT(c->input_faces ==
+              mesh->triangles + c->duplicate_faces + c->degenerate_faces + c->nonfinite_faces);
     for (uint64_t i = 0; i < 3 * (uint64_t)mesh->triangles; i++)
         MN_ASSERT(mesh->corner[i] < mesh->vertices);
     for (uint64_t i = 0; i < 3 * (uint64_t)mesh->vertices; i++)
