@@ -56,7 +56,7 @@ bool mni_board_post(mni_board *board, const mni_command *command) {
     bool room = ring_push(prefetch ? &board->prefetch : &board->urgent, command);
     if (room || prefetch)
         board->counts.posted[command->kind]++;
-    if (room && board->urgent.count + board->prefetch.count == 1)
+    if (room && !board->held && board->urgent.count + board->prefetch.count == 1)
         pthread_cond_signal(&board->work);
     if (room)
         board->open++;
@@ -68,9 +68,21 @@ bool mni_board_post(mni_board *board, const mni_command *command) {
 
 bool mni_board_fetch(mni_board *board, mni_command *out) {
     pthread_mutex_lock(&board->lock);
-    bool found = ring_pop(&board->urgent, out) || ring_pop(&board->prefetch, out);
+    bool found = !board->held && (ring_pop(&board->urgent, out) || ring_pop(&board->prefetch, out));
     pthread_mutex_unlock(&board->lock);
     return found;
+}
+
+static bool has_work(const mni_board *board) {
+    return !board->held && board->urgent.count + board->prefetch.count > 0;
+}
+
+void mni_board_hold(mni_board *board, bool held) {
+    pthread_mutex_lock(&board->lock);
+    board->held = held;
+    if (has_work(board))
+        pthread_cond_signal(&board->work);
+    pthread_mutex_unlock(&board->lock);
 }
 
 static uint64_t unended(const mni_board *board) {
@@ -99,7 +111,7 @@ void mni_board_end(mni_board *board, mni_command_kind kind, mni_end end) {
 
 bool mni_board_wait_work(mni_board *board) {
     pthread_mutex_lock(&board->lock);
-    while (board->urgent.count + board->prefetch.count == 0 && !board->stop)
+    while (!has_work(board) && !board->stop)
         pthread_cond_wait(&board->work, &board->lock);
     bool go_on = !board->stop;
     pthread_mutex_unlock(&board->lock);

@@ -60,6 +60,7 @@ typedef struct mni_board {
     pthread_cond_t quiet; /* open has become 0 */
     mni_ring urgent, prefetch;
     uint32_t open; /* commands posted and not ended */
+    bool held;     /* fetch finds nothing: Navigate is still posting */
     bool stop;
     mni_board_counts counts;
 } mni_board;
@@ -71,7 +72,10 @@ void mni_board_close(mni_board *board);
 /* false: no room. A prefetch has then been posted and has ended, given up; an urgent command has
  * not been posted: ask again. */
 bool mni_board_post(mni_board *board, const mni_command *command);
-bool mni_board_fetch(mni_board *board, mni_command *out); /* false: nothing there */
+bool mni_board_fetch(mni_board *board, mni_command *out); /* false: nothing there, or held */
+/* Navigate, around its posting: with a serialised disk, what finds room on the board must not
+ * depend on how fast I/O fetches. */
+void mni_board_hold(mni_board *board, bool held);
 void mni_board_end(mni_board *board, mni_command_kind kind, mni_end end);
 
 /* I/O: sleeps until there is something to fetch; false: told to stop. */

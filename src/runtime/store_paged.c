@@ -97,7 +97,9 @@ static void frame_begin(void *self) {
 
 static void frame_end(void *self, double frame_s) {
     paged *p = self;
+    mni_board_hold(&p->board, p->desc.io_serial);
     mni_pool_end_frame(&p->pool);
+    mni_board_hold(&p->board, false);
     p->frames++;
     if (p->disk.method->own_time) {
         if (p->desc.sim.fault_frames > 0)

@@ -46,6 +46,19 @@ START_TEST(urgent_first_and_in_order) {
 }
 END_TEST
 
+START_TEST(a_held_board_shows_nothing) {
+    open_board(2, 2);
+    mni_command c = command(MNI_COMMAND_URGENT_UP, 1), out;
+    mni_board_hold(&board, true);
+    ck_assert(mni_board_post(&board, &c));
+    ck_assert(!mni_board_fetch(&board, &out));
+    mni_board_hold(&board, false);
+    ck_assert(mni_board_fetch(&board, &out));
+    mni_board_end(&board, out.kind, MNI_END_GIVEN_UP);
+    close_board();
+}
+END_TEST
+
 START_TEST(a_full_board_says_so) {
     open_board(2, 2);
     mni_command c;
@@ -105,6 +118,7 @@ int main(void) {
     TCase *tests = tcase_create("board");
     tcase_set_timeout(tests, 60);
     tcase_add_test(tests, urgent_first_and_in_order);
+    tcase_add_test(tests, a_held_board_shows_nothing);
     tcase_add_test(tests, a_full_board_says_so);
     tcase_add_test(tests, two_threads);
     suite_add_tcase(suite, tests);

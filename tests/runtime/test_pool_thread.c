@@ -116,6 +116,36 @@ START_TEST(serial_runs_repeat) {
 }
 END_TEST
 
+/* So too when one frame asks for more than the board has room for. */
+START_TEST(serial_runs_repeat_on_a_full_board) {
+    made_file file;
+    made_desc made = {.seed = 1,
+                      .blocks = 400,
+                      .depth_max = 2,
+                      .fanout_max = 400,
+                      .pages_max = 1,
+                      .blocking = MN_BLOCKING_LEVELS,
+                      .regular = true};
+    made_file_make(&file, &made);
+    mn_session_stats first = {0};
+    for (int run = 0; run < 200; run++) {
+        walker w;
+        mn_session_stats stats = {0};
+        mni_store_desc desc = {
+            .kind = MN_STORE_PAGED, .io = MN_IO_PREAD, .io_serial = true, .k = 8};
+        ck_assert(walker_open(&w, &file, desc));
+        w.check_each_frame = false;
+        walker_frame(&w, 0, 0);
+        mni_store_stats(w.store, &stats);
+        walker_close(&w);
+        first = run == 0 ? stats : first;
+        ck_assert_mem_eq(&stats, &first, sizeof stats);
+    }
+    ck_assert_uint_gt(first.prefetches, 256); /* the ring for them: PREFETCHES_MIN */
+    made_file_free(&file);
+}
+END_TEST
+
 /* Closing while reads are in flight: every command ends, every read has its completion. */
 START_TEST(closes_in_the_middle) {
     made_file file;
@@ -172,6 +202,7 @@ int main(void) {
     tcase_set_timeout(tests, 300);
     tcase_add_loop_test(tests, nothing_is_lost, 0, 2);
     tcase_add_test(tests, serial_runs_repeat);
+    tcase_add_test(tests, serial_runs_repeat_on_a_full_board);
     tcase_add_test(tests, closes_in_the_middle);
     tcase_add_loop_test(tests, goes_on_without_fixed_buffers, 0, 3);
     suite_add_tcase(suite, tests);
