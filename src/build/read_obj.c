@@ -83,10 +83,12 @@ static bool read_face(obj *o) {
     return mni_polygon_end(&polygon, o->intake);
 }
 
-/* Is the word at hand this one letter? Takes it then. */
+/* Is the word at hand this one letter? Takes it then. Alone on its line it counts too: skipped, it
+ * would shift all that is numbered after it. */
 static bool take_keyword(mni_source *source, char keyword) {
-    if (source->at[0] != keyword || !mni_source_have(source, 2) ||
-        !(source->at[1] == ' ' || source->at[1] == '\t'))
+    char after = mni_source_have(source, 2) ? source->at[1] : '\n';
+    if (source->at[0] != keyword ||
+        !(after == ' ' || after == '\t' || after == '\r' || after == '\n'))
         return false;
     source->at++;
     return true;

@@ -12,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "assert.h"
 #include "metanode/runtime.h"
@@ -229,6 +230,10 @@ static mn_code read_lines(FILE *f, const char *name, mn_path *path, mn_status *s
 }
 
 static mn_code read_file(const char *name, mn_path *path, mn_status *st) {
+    struct stat info;
+    if (stat(name, &info) == 0 && !S_ISREG(info.st_mode)) /* a fifo would be waited for */
+        return mn_fail(st, MN_BAD_INPUT, "--path %s: not a file; give the name of a regular file",
+                       name);
     FILE *f = fopen(name, "re");
     if (f == NULL)
         return mn_fail(st, errno == ENOENT ? MN_USAGE : MN_FAILED,

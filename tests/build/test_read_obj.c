@@ -59,6 +59,8 @@ START_TEST(refusals_name_the_line) {
         {CORNERS "f 1 2 3.5\n", "line 5: face 1: '.5'"},
         {CORNERS "f 1/2/3/4 2 3\n", "line 5: face 1: '/4'"},
         {"v 1 2\n", "line 1: vertex 1 has 2 coordinates"},
+        {"v 1 2 3\nv\nv 4 5 6\n", "line 2: vertex 2 has 0 coordinates"},
+        {"v 1 2 3\nv", "line 2: vertex 2 has 0 coordinates"},
         {"v 1 two 3\n", "line 1: a coordinate is 'two'"},
         {"v 1 0x10 3\n", "a coordinate is '0x10'"},
         {"v 1 2 3,\n", "a coordinate is '3,'"},
