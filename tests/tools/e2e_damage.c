@@ -87,7 +87,9 @@ static void seal_block(uint64_t id) {
     at(offset, MN_PAGE_BYTES);
     if (length == 0 || length > size - offset)
         length = MN_PAGE_BYTES;
-    uint64_t checksum = XXH3_64bits(bytes + offset + 16, length - 16);
+    uint64_t seed; /* magic and kind */
+    memcpy(&seed, bytes + offset, sizeof seed);
+    uint64_t checksum = XXH3_64bits_withSeed(bytes + offset + 16, length - 16, seed);
     memcpy(bytes + offset + 8, &checksum, sizeof checksum);
 }
 
