@@ -32,11 +32,12 @@ static int make_subdivide(int argc, char **argv, uint64_t times, const char *out
         return cli_error(MN_USAGE, "make subdivide: how often? give --times N");
     if (mn_mesh_read(argv[1], &read, &in, &st) != MN_OK)
         return cli_status(&st);
-    if (mn_openmesh_subdivide(&in, (uint32_t)times, NULL, &fine, &st) == MN_OK) {
-        mn_mesh_write_ply(out, &fine, &st);
-        mn_mesh_free(&fine);
-    }
+    mn_code code = mn_openmesh_subdivide(&in, (uint32_t)times, NULL, &fine, &st);
     mn_mesh_free(&in);
+    if (code != MN_OK)
+        return cli_error(code, "%s: %s", argv[1], st.text);
+    mn_mesh_write_ply(out, &fine, &st);
+    mn_mesh_free(&fine);
     return cli_status(&st);
 }
 

@@ -68,7 +68,7 @@ static mn_code through(const mn_mesh *mesh, const char *const *args, const char 
     if (code != MN_OK)
         return code;
     bool whole = send_mesh(&helper, mesh) && receive_mesh(&helper, out);
-    code = mni_helper_close(&helper, "the mesh", line, st);
+    code = mni_helper_close(&helper, args[0], line, st);
     if (code == MN_OK && !whole)
         code = mn_fail(st, MN_FAILED, "no memory for the mesh that %s gives", program);
     if (code != MN_OK) {
