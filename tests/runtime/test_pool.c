@@ -186,6 +186,32 @@ START_TEST(levels_leave_a_place) {
 }
 END_TEST
 
+/* The paper's rule for levels, and repair (a) net of grants: with K = 5, two blocks in use and one
+ * granted, a second urgent prefetch would leave less than three; and of the blocks that are there
+ * one may come into use, not two. */
+START_TEST(levels_count_grants) {
+    open_store(MN_BLOCKING_LEVELS, 4, 85, 5);
+    next_frame(); /* all four others hold children of the root, only prefetched */
+    mn_block_ref upper = child_of(0, 0);
+    mni_entry c = take(root, upper), d;
+    next_frame();
+    ck_assert_int_eq(mni_store_down(store, c, child_of(block_of(upper), 0), &d), MNI_ABSENT);
+    mni_store_attempt_over(store);
+    ck_assert_int_eq(mni_store_down(store, c, child_of(block_of(upper), 1), &d), MNI_REFUSED);
+    mni_store_attempt_over(store);
+    next_frame(); /* the first has thrown out one of the root's children */
+    ck_assert_uint_eq(stats().evictions, 1);
+    ck_assert_uint_eq(stats().urgent_down, 2); /* and the root */
+    uint32_t granted = 0;
+    for (uint32_t i = 1; i < 4; i++) {
+        granted += mni_store_down(store, root, child_of(0, i), &d) == MNI_GRANTED;
+        mni_store_attempt_over(store);
+    }
+    ck_assert_uint_eq(granted, 1);
+    close_store();
+}
+END_TEST
+
 /* Repair (b): packed grants while the blocks in use and their ancestors fit, and no further. */
 START_TEST(packed_counts_ancestors) {
     open_store(MN_BLOCKING_PACKED, 3, 40, 0);
@@ -317,6 +343,7 @@ int main(void) {
     tcase_add_test(tests, prefetch_and_second_chance);
     tcase_add_test(tests, first_freed_goes_first);
     tcase_add_test(tests, levels_leave_a_place);
+    tcase_add_test(tests, levels_count_grants);
     tcase_add_test(tests, packed_counts_ancestors);
     tcase_add_loop_test(tests, a_chain_keeps_its_blocks, 0, 4);
     tcase_add_test(tests, what_is_not_asked_for_is_dropped);
