@@ -13,6 +13,7 @@
  * One thread: whoever moves the clock. See method.h. */
 #define _GNU_SOURCE
 #include <errno.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "assert.h"
@@ -113,8 +114,11 @@ static int32_t carry_out(sim_disk *disk, const sim_read *r) {
     if (r->corrupt && got > 0)
         ((unsigned char *)read->bytes)[r->dice % (uint64_t)got] ^=
             (unsigned char)(1u << (r->dice >> 61));
-    if (r->is_short && got > 1)
-        got = 1 + (ssize_t)(r->dice % (uint64_t)(got - 1));
+    if (r->is_short && got > 1) { /* and what is not told of is not there */
+        ssize_t all = got;
+        got = 1 + (ssize_t)(r->dice % (uint64_t)(all - 1));
+        memset((unsigned char *)read->bytes + got, 0xa5, (size_t)(all - got));
+    }
     return (int32_t)got;
 }
 

@@ -300,6 +300,12 @@ START_TEST(lying_references_are_absent) {
     ck_assert_int_eq(mni_store_down(store, c, file.block[0].ref, &d), MNI_ABSENT);
     next_frame();
     ck_assert_uint_eq(traced.loads, loads);
+    mn_block_ref cousin =
+        child_of(block_of(child_of(0, 1)), 0); /* read, and seen to be another's */
+    ck_assert_int_eq(mni_store_down(store, c, cousin, &d), MNI_ABSENT);
+    next_frame();
+    ck_assert_uint_eq(traced.loads, loads + 1);
+    ck_assert_uint_eq(stats().checksum_failures, 1);
     mni_store_sub(store, c);
     close_store();
 }

@@ -10,8 +10,6 @@
 #include "pool.h"
 #include "walk.h"
 
-enum { K = 5 };
-
 static made_file file;
 static mni_arena arena;
 static mni_board board;
@@ -69,7 +67,7 @@ static mni_answer enter(uint32_t block) {
 
 /* A root block, two below it, two below each of those; the root is in use, and the prefetches of
  * its children stand on the board. */
-static void open_pool(void) {
+static void open_pool_of(uint32_t k) {
     made_desc made = {.seed = 1,
                       .blocks = 15,
                       .depth_max = 4,
@@ -78,10 +76,10 @@ static void open_pool(void) {
                       .blocking = MN_BLOCKING_LEVELS,
                       .regular = true};
     made_file_make(&file, &made);
-    mni_store_desc desc = {.header = &file.header, .k = K};
-    size_t need = mni_pool_need(&file.header, K) + mni_board_need(K, 64);
+    mni_store_desc desc = {.header = &file.header, .k = k};
+    size_t need = mni_pool_need(&file.header, k) + mni_board_need(k, 64);
     ck_assert_int_eq(mni_arena_open(&arena, need, NULL), MN_OK);
-    mni_board_open(&board, K, 64, &arena);
+    mni_board_open(&board, k, 64, &arena);
     mni_pool_open(&pool, &desc, &board, &arena);
     in_use = 0;
     mni_load load;
@@ -94,6 +92,10 @@ static void open_pool(void) {
     finish(&command, &load);
     ck_assert_int_eq(enter(0), MNI_GRANTED);
     next_frame();
+}
+
+static void open_pool(void) {
+    open_pool_of(5);
 }
 
 static void close_pool(void) {
@@ -189,6 +191,41 @@ START_TEST(a_refused_chain_lets_go) {
 }
 END_TEST
 
+/* A block that has failed and then come is not known to be bad any more: if it fails again, that is
+ * reported, and the waits begin anew. */
+START_TEST(a_block_that_comes_is_forgiven) {
+    open_pool();
+    mni_load load;
+    mni_command command = fetch(1);
+    step(&command, MNI_BEGIN_READ, &load);
+    mni_pool_failed(&pool, &command, &load, true, "for the test");
+    mni_board_end(&board, command.kind, MNI_END_FAILED);
+    ck_assert(!mni_failures_due(&pool.failures, ref_of(1).id, pool.frame));
+    for (int frame = 0; frame < 2; frame++)
+        next_frame();
+    ck_assert_int_eq(enter(1), MNI_ABSENT);
+    next_frame();
+    command = fetch(1);
+    step(&command, MNI_BEGIN_READ, &load);
+    finish(&command, &load);
+    ck_assert(mni_failures_add(&pool.failures, ref_of(1).id, pool.frame));
+    close_pool();
+}
+END_TEST
+
+/* Chunks go while what is left holds what has been granted, and no longer. */
+START_TEST(what_is_granted_keeps_its_room) {
+    open_pool_of(1030); /* chunks of 512, 512 and 6 */
+    uint32_t chunk = 0;
+    ck_assert(mni_pool_shrink(&pool, 1000, &chunk));
+    ck_assert_uint_eq(chunk, 2);
+    ck_assert(!mni_pool_shrink(&pool, 1000, &chunk));
+    ck_assert(mni_pool_shrink(&pool, 500, &chunk));
+    ck_assert_uint_eq(chunk, 1);
+    close_pool();
+}
+END_TEST
+
 /* levels: a switch down counts reads under way as if they had filled their places; it waits, and is
  * not refused, since they will end. */
 START_TEST(reads_count_as_taken) {
@@ -224,6 +261,8 @@ int main(void) {
     tcase_add_test_raise_signal(tests, a_completion_of_the_past_is_a_bug, SIGABRT);
     tcase_add_test(tests, a_refused_chain_lets_go);
     tcase_add_test(tests, reads_count_as_taken);
+    tcase_add_test(tests, a_block_that_comes_is_forgiven);
+    tcase_add_test(tests, what_is_granted_keeps_its_room);
     suite_add_tcase(suite, tests);
     SRunner *runner = srunner_create(suite);
     srunner_run_all(runner, CK_ENV);
