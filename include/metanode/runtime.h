@@ -55,7 +55,7 @@ typedef void (*mn_trace_hook)(void *context, uint32_t event, uint32_t block_id, 
                               uint32_t generation, uint32_t value);
 
 typedef struct mn_session_desc {
-    const char *path;
+    const char *path;    /* the caller's, until close */
     uint64_t ram_bytes;  /* cap of the whole process; 0: none (K and front from defaults) */
     uint64_t base_bytes; /* what the process already takes that the plan must count besides
                             its own baseline (a GL driver is reported apart); 0: none */

@@ -225,7 +225,9 @@ static void refuse(mni_navigator *nav, uint32_t slot, mni_outcome outcome) {
 
 static void split_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
-    bool again = nav->moved || front->version != nav->version;
+    uint64_t epoch = mni_store_epoch(front->store);
+    bool again = nav->moved || front->version != nav->version || epoch != nav->epoch;
+    nav->epoch = epoch;
     split_agenda(nav, again);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     while (nav->agenda_count > 0) {

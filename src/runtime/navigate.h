@@ -44,6 +44,7 @@ typedef struct mni_navigator {
     bool settled_level;  /* the level of degrading would not change if the camera stood */
     uint32_t agenda_count;
     uint64_t version; /* of the front, when chains were given up */
+    uint64_t epoch;   /* of the store, then */
     mni_work work;
 
     /* degrading */

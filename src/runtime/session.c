@@ -27,7 +27,7 @@ enum {
 
 struct mn_session {
     /* const after open */
-    mn_session_desc desc; /* path and hooks are not ours and not used after open */
+    mn_session_desc desc; /* path and hooks are the caller's; the store uses them until close */
     mn_header header;
     mn_plan plan;
     mni_block_limits limits;

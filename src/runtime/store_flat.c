@@ -7,8 +7,10 @@
  * between, and a damaged one is tried again after 1, 2, 4 … 64 frames. Nothing is ever refused.
  *
  * A file that is cut short while it is mapped would raise SIGBUS: its size is looked at each time a
- * block comes into use, which leaves a moment open and no more can be done. Files here are written
- * under another name and renamed, never shortened.
+ * block comes into use, which leaves a moment open and no more can be done. Nor is there a defence
+ * against bytes that somebody else overwrites in place after they were checked. Files here are
+ * written under another name and renamed, never shortened nor overwritten; where that cannot be
+ * relied on, use `paged`, which checks a copy of its own.
  *
  * Navigate only. Memory: `resident` takes the file's size from the arena and 4 bytes a block for
  * the walk at start; both take a byte a page, or the table of failures. */

@@ -49,6 +49,36 @@ START_TEST(few_holders) {
 }
 END_TEST
 
+/* What the rules refuse is not asked for while the camera stands, and is when it moves. */
+START_TEST(given_up_until_the_camera_moves) {
+    model m;
+    model_make(&m, MODEL_GLOBE, 1500, &blockings[0]);
+    mn_session_desc desc = model_desc(&m);
+    desc.store = MN_STORE_PAGED;
+    desc.io = MN_IO_SIM;
+    desc.io_serial = true;
+    desc.degrade_off = true;
+    desc.k = MN_K_MIN;
+    mn_session *s = model_open(&desc);
+    mn_camera camera = model_camera(&m, 0, 1.2);
+    mn_frame_stats frame;
+    mn_session_stats settled, standing, moved;
+    (void)mn_session_settle(s, &camera, 1000);
+    mn_session_stats_get(s, &settled);
+    mn_session_frame(s, &camera, &frame);
+    mn_session_stats_get(s, &standing);
+    ck_assert_uint_gt(frame.refused_pool, 0);
+    ck_assert_uint_eq(standing.urgent_down_refused, settled.urgent_down_refused);
+    camera.eye[0] *= 1.001f;
+    camera.eye[2] *= 1.001f;
+    mn_session_frame(s, &camera, &frame);
+    mn_session_stats_get(s, &moved);
+    ck_assert_uint_gt(moved.urgent_down_refused, standing.urgent_down_refused);
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
 /* Reads fail, lie and come late; when that ends, the front is the one that a sound disk gives. */
 START_TEST(faults_end) {
     uint64_t sound[CAMERAS];
@@ -99,6 +129,7 @@ int main(void) {
     Suite *suite = suite_create("session_pool");
     TCase *tc = tcase_create("session_pool");
     tcase_set_timeout(tc, 120);
+    tcase_add_test(tc, given_up_until_the_camera_moves);
     tcase_add_loop_test(tc, few_holders, 0, MODEL_SHAPES * BLOCKINGS);
     tcase_add_loop_test(tc, faults_end, 0, 2 * MODEL_SHAPES);
     suite_add_tcase(suite, tc);

@@ -85,6 +85,23 @@ START_TEST(frustum) {
 }
 END_TEST
 
+/* Twice the tolerance: wanted in view, not outside, nor where all faces away; and there wanted as
+ * well when it is larger by the factor. */
+START_TEST(tolerance_grows) {
+    mni_lens lens = lens_of(looking_down_z(), 1);
+    const float back[3] = {0, 0, -1}, front[3] = {0, 0, 1};
+    float in_view[3] = {0, 0, 0}, above[3] = {0, 20, 10};
+    mni_bounds seen = {in_view, 0, 2 * 10 / 50.0f, mn_cone_make(front, 0.1f)};
+    mni_bounds behind = {in_view, 0, 2 * 10 / 50.0f, mn_cone_make(back, 0.1f)};
+    mni_bounds outside = {above, 0, 2 * 20 / 50.0f, no_bound()};
+    ck_assert(mni_lens_wants(&lens, &seen));
+    ck_assert(!mni_lens_wants(&lens, &behind) && !mni_lens_wants(&lens, &outside));
+    behind.switch_value *= 1.01f * MNI_WANTED_AWAY / 2;
+    outside.switch_value *= 1.01f * MNI_WANTED_OUTSIDE / 2;
+    ck_assert(mni_lens_wants(&lens, &behind) && mni_lens_wants(&lens, &outside));
+}
+END_TEST
+
 START_TEST(away) {
     mni_lens lens = lens_of(looking_down_z(), 1);
     float at[3] = {0, 0, 0};
@@ -176,6 +193,7 @@ int main(void) {
     tcase_add_test(tc, inside_the_sphere);
     tcase_add_test(tc, limits_of_the_tolerance);
     tcase_add_test(tc, frustum);
+    tcase_add_test(tc, tolerance_grows);
     tcase_add_test(tc, away);
     tcase_add_test(tc, degenerate_cameras);
     tcase_add_test(tc, nested);
