@@ -69,14 +69,12 @@ static void act(mni_ioloop *loop, const mni_done *done) {
     if (done->result < 0) {
         int error = -done->result;
         bool passing = error == EAGAIN || error == EINTR || error == EBUSY || error == ENOMEM;
-        if (!passing || ++request->fruitless == FRUITLESS_MAX) {
-            mni_pool_count_read(loop->pool, 0, 1);
+        if (!passing || ++request->fruitless == FRUITLESS_MAX)
             fail(loop, request, true, "it cannot be read");
-        }
         return;
     }
     MN_ASSERT((uint32_t)done->result <= length_bytes - request->done_bytes);
-    mni_pool_count_read(loop->pool, (uint64_t)done->result, 0);
+    mni_pool_count_read(loop->pool, (uint64_t)done->result);
     if (done->result == 0) {
         fail(loop, request, true, "the file ends before it");
         return;

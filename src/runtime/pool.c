@@ -241,7 +241,9 @@ void mni_pool_failed(mni_pool *pool, const mni_command *command, const mni_load 
     mni_pool_forget_locked(pool, load->slot);
     mni_holders_set(&pool->holders, load->slot, MNI_HOLDER_EMPTY);
     mni_freelist_prepend(&pool->free, &pool->holders, load->slot);
-    if (!io)
+    if (io)
+        pool->stats.io_errors++;
+    else
         pool->stats.checksum_failures++;
     if (mni_failures_add(&pool->failures, load->ref.id, pool->frame) &&
         pool->reports < MNI_REPORTS_MAX)
@@ -250,10 +252,9 @@ void mni_pool_failed(mni_pool *pool, const mni_command *command, const mni_load 
     mni_pool_unlock(pool);
 }
 
-void mni_pool_count_read(mni_pool *pool, uint64_t read_bytes, uint32_t io_errors) {
+void mni_pool_count_read(mni_pool *pool, uint64_t read_bytes) {
     mni_pool_lock(pool);
     pool->stats.read_bytes += read_bytes;
-    pool->stats.io_errors += io_errors;
     mni_pool_unlock(pool);
 }
 

@@ -115,7 +115,7 @@ void mni_pool_loaded(mni_pool *pool, const mni_command *command, const mni_load 
 /* io: the disk's fault, otherwise the block's. why: a literal. */
 void mni_pool_failed(mni_pool *pool, const mni_command *command, const mni_load *load, bool io,
                      const char *why);
-void mni_pool_count_read(mni_pool *pool, uint64_t read_bytes, uint32_t io_errors);
+void mni_pool_count_read(mni_pool *pool, uint64_t read_bytes);
 
 /* ---- both ----------------------------------------------------------------------------------- */
 

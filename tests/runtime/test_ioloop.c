@@ -207,6 +207,10 @@ START_TEST(one_read_goes_wrong) {
         uint64_t failed = counts.ended[MNI_COMMAND_PREFETCH][MNI_END_FAILED] +
                           counts.ended[MNI_COMMAND_URGENT_DOWN][MNI_END_FAILED];
         ck_assert_uint_eq(failed, fails && reached);
+        mn_session_stats stats = {0};
+        mni_pool_stats(&m.pool, &stats);
+        ck_assert_uint_eq(stats.io_errors, how != BEND_FLIP ? failed : 0);
+        ck_assert_uint_eq(stats.checksum_failures, how == BEND_FLIP ? failed : 0);
         ck_assert_uint_eq(frames, fails && nth == 1 ? 2 : 1);
         ck_assert_uint_eq(counts.ended[MNI_COMMAND_PREFETCH][MNI_END_LOADED],
                           children - (failed && nth > 1));
