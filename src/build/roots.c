@@ -1,11 +1,20 @@
 /* Stage 4: the roots of the components become one tree, by virtual edges between nearest roots.
  *
  * The shortest distance between any two roots goes first (ties by vertex numbers, kept then
- * removed). Each root knows its nearest other root; a heap holds these. Roots lie in a grid of
- * cells about as many as roots; a search goes outwards cell ring by cell ring until the best found
- * is nearer than the next ring. When half of the roots are gone the grid is laid anew. So the work
- * is about n log n for roots that are spread as models' are. Paper: §2.1.1 (virtual edges; there
- * the neighbours come from a Voronoi diagram). One thread; memory: 28 bytes a root and the grid. */
+ * removed). Each root knows its nearest other root; a heap holds these, and a root whose nearest
+ * has gone looks for another when it comes to the top: distances to what is left only rise.
+ *
+ * Hidden here: how the nearest is found. Boxes in a binary tree over the roots, cut at the median
+ * of the widest side, so that lines, sheets and clusters far apart cost no more than roots spread
+ * evenly, as a grid of equal cells would:
+ *
+ *            box 1             box i: children 2i, 2i + 1; as many roots on either side
+ *          ╱       ╲           a box holds its roots' bounds and their least number: with many
+ * roots box 2       box 3       in one place the least is found without looking at all of them ╱ ╲
+ * ╱   ╲ 4–8 roots each            a root that goes is taken out, and the boxes above it shrink
+ *
+ * The work is n log n. Paper: §2.1.1 (virtual edges; there the neighbours come from a Voronoi
+ * diagram). One thread; memory: 4 bytes a vertex, 4 to 18 more a root. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,141 +22,189 @@
 #include "assert.h"
 #include "simplify.h"
 
-typedef struct root_grid {
+enum {
+    BUCKET_MAX = 8,
+    LEVELS_MAX = 32, /* of fewer than 2^32 roots */
+};
+
+typedef struct box {
+    float low[3], high[3];
+    uint32_t least; /* the least root inside; MN_NONE: empty */
+} box;
+
+typedef struct root_boxes {
     const float *position;
-    uint32_t *alive; /* vertices that are roots */
-    uint32_t count, laid_count;
-    uint32_t cells[3];
-    float low[3], cell_size;
-    uint32_t *head, *next; /* next: a vertex */
-    uint32_t *head_room;
-} root_grid;
+    uint32_t *root;   /* vertices, sorted into buckets; MN_NONE: gone */
+    uint32_t *bucket; /* a root: which */
+    uint32_t count;
+    uint32_t buckets; /* a power of two; bucket b has box buckets + b */
+    box *boxes;
+} root_boxes;
 
-static void cell_of(const root_grid *g, uint32_t v, uint32_t cell[3]) {
-    for (int i = 0; i < 3; i++) {
-        float x = (g->position[3 * (size_t)v + i] - g->low[i]) / g->cell_size;
-        uint32_t c = x > 0 ? (uint32_t)x : 0;
-        cell[i] = c < g->cells[i] ? c : g->cells[i] - 1;
-    }
+static uint32_t bucket_start(const root_boxes *g, uint64_t b) {
+    return (uint32_t)(b * g->count / g->buckets);
 }
 
-static uint32_t *cell_head(const root_grid *g, uint32_t x, uint32_t y, uint32_t z) {
-    return &g->head[((size_t)z * g->cells[1] + y) * g->cells[0] + x];
+static const box nothing = {
+    {INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, MN_NONE};
+
+static void widen(box *b, const float *low, const float *high, uint32_t least) {
+    for (int i = 0; i < 3; i++) {
+        b->low[i] = low[i] < b->low[i] ? low[i] : b->low[i];
+        b->high[i] = high[i] > b->high[i] ? high[i] : b->high[i];
+    }
+    b->least = least < b->least ? least : b->least;
 }
 
-/* Lays the grid over the roots that are left: cubes, about two roots a cube. */
-static bool lay(root_grid *g) {
-    float high[3];
-    for (int i = 0; i < 3; i++) {
-        g->low[i] = INFINITY;
-        high[i] = -INFINITY;
-    }
-    for (uint32_t a = 0; a < g->count; a++)
-        for (int i = 0; i < 3; i++) {
-            float x = g->position[3 * (size_t)g->alive[a] + i];
-            g->low[i] = x < g->low[i] ? x : g->low[i];
-            high[i] = x > high[i] ? x : high[i];
+/* The bounds of root[from … to). */
+static box bounds_of(const root_boxes *g, uint32_t from, uint32_t to) {
+    box b = nothing;
+    for (uint32_t i = from; i < to; i++)
+        if (g->root[i] != MN_NONE) {
+            const float *p = &g->position[3 * (size_t)g->root[i]];
+            widen(&b, p, p, g->root[i]);
         }
-    float widest = 0;
-    for (int i = 0; i < 3; i++)
-        widest = high[i] - g->low[i] > widest ? high[i] - g->low[i] : widest;
-    if (!(widest > 0))
-        widest = 1;
-    /* Shrink cubes until there are about half as many as roots: flat models have few layers. */
-    double cells = 1;
-    g->cell_size = widest;
-    for (int halvings = 0; halvings < 20; halvings++) {
-        double size = g->cell_size / 1.26, more = 1; /* each step doubles the number of cubes */
-        for (int i = 0; i < 3; i++)
-            more *= floor((high[i] - g->low[i]) / size) + 1;
-        if (more > g->count / 2.0 + 1)
-            break;
-        g->cell_size = (float)size;
-        cells = more;
-    }
-    (void)cells;
-    size_t total = 1;
-    for (int i = 0; i < 3; i++) {
-        g->cells[i] = (uint32_t)((high[i] - g->low[i]) / g->cell_size) + 1;
-        total *= g->cells[i];
-    }
-    uint32_t *head = realloc(g->head, total * sizeof *head);
-    if (head == NULL)
-        return false;
-    g->head = head;
-    memset(head, 0xff, total * sizeof *head);
-    for (uint32_t a = 0; a < g->count; a++) {
-        uint32_t cell[3], v = g->alive[a];
-        cell_of(g, v, cell);
-        uint32_t *at = cell_head(g, cell[0], cell[1], cell[2]);
-        g->next[v] = *at;
-        *at = v;
-    }
-    g->laid_count = g->count;
-    return true;
+    return b;
 }
 
-static void take_out(root_grid *g, uint32_t v) {
-    uint32_t cell[3];
-    cell_of(g, v, cell);
-    uint32_t *at = cell_head(g, cell[0], cell[1], cell[2]);
-    while (*at != v)
-        at = &g->next[*at];
-    *at = g->next[v];
+/* Box i from what is below it. */
+static void fit(root_boxes *g, uint32_t i) {
+    if (i >= g->buckets) {
+        uint32_t b = i - g->buckets;
+        g->boxes[i] = bounds_of(g, bucket_start(g, b), bucket_start(g, (uint64_t)b + 1));
+        return;
+    }
+    const box *left = &g->boxes[2 * i], *right = &g->boxes[2 * i + 1];
+    box b = *left;
+    widen(&b, right->low, right->high, right->least);
+    g->boxes[i] = b;
 }
 
-static float distance2(const root_grid *g, uint32_t a, uint32_t b) {
+static bool before(const root_boxes *g, int side, uint32_t a, uint32_t b) {
+    float x = g->position[3 * (size_t)a + side], y = g->position[3 * (size_t)b + side];
+    return x != y ? x < y : a < b; /* never equal: halves come out as large as asked for */
+}
+
+/* Hoare's selection: root[from … middle) come before root[middle … to) along that side. */
+static void part(root_boxes *g, int side, uint32_t from, uint32_t middle, uint32_t to) {
+    uint32_t *root = g->root;
+    while (to - from > 1) {
+        uint32_t low = from, high = to - 1,
+                 pivot = root[low + (high - low) / 2]; /* never the last */
+        for (;;) {
+            while (before(g, side, root[low], pivot))
+                low++;
+            while (before(g, side, pivot, root[high]))
+                high--;
+            if (low >= high)
+                break;
+            uint32_t swapped = root[low];
+            root[low++] = root[high];
+            root[high--] = swapped;
+        }
+        uint32_t cut = high + 1; /* root[from … cut) ≤ pivot ≤ root[cut … to) */
+        if (middle == cut)
+            return;
+        if (middle < cut)
+            to = cut;
+        else
+            from = cut;
+    }
+}
+
+/* Sorts the roots into buckets, level by level from the top, and fits the boxes. */
+static void lay(root_boxes *g) {
+    for (uint32_t row = 1; row < g->buckets; row *= 2)
+        for (uint32_t i = 0; i < row; i++) {
+            uint64_t span = g->buckets / row, first = i * span;
+            uint32_t from = bucket_start(g, first), to = bucket_start(g, first + span);
+            box b = bounds_of(g, from, to);
+            int widest = 0;
+            for (int side = 1; side < 3; side++)
+                if (b.high[side] - b.low[side] > b.high[widest] - b.low[widest])
+                    widest = side;
+            part(g, widest, from, bucket_start(g, first + span / 2), to);
+        }
+    for (uint32_t b = 0; b < g->buckets; b++)
+        for (uint32_t i = bucket_start(g, b); i < bucket_start(g, (uint64_t)b + 1); i++)
+            g->bucket[g->root[i]] = b;
+    for (uint32_t i = 2 * g->buckets; i-- > 1;)
+        fit(g, i);
+}
+
+static void take_out(root_boxes *g, uint32_t v) {
+    uint32_t b = g->bucket[v], i = bucket_start(g, b);
+    while (g->root[i] != v)
+        i++;
+    g->root[i] = MN_NONE;
+    for (uint32_t up = g->buckets + b; up > 0; up /= 2)
+        fit(g, up);
+}
+
+/* From p to the nearest place of a box; rounded as the distance to a root is, so that no root
+ * inside is nearer. */
+static float distance2(const float *p, const float *low, const float *high) {
     float sum = 0;
     for (int i = 0; i < 3; i++) {
-        float d = g->position[3 * (size_t)a + i] - g->position[3 * (size_t)b + i];
+        float d = p[i] < low[i] ? low[i] - p[i] : p[i] > high[i] ? p[i] - high[i] : 0;
         sum += d * d;
     }
     return sum;
 }
 
-static void search_cell(const root_grid *g, uint32_t r, const int64_t c[3], mni_heap_key *best) {
-    for (int i = 0; i < 3; i++)
-        if (c[i] < 0 || c[i] >= g->cells[i])
-            return;
-    for (uint32_t v = *cell_head(g, (uint32_t)c[0], (uint32_t)c[1], (uint32_t)c[2]); v != MN_NONE;
-         v = g->next[v]) {
-        mni_heap_key key = {distance2(g, r, v), v};
-        if (v != r && mni_heap_key_less(key, r, *best, r))
-            *best = key;
-    }
+/* What a box may hold at best, as a key. */
+static mni_heap_key promise(const root_boxes *g, uint32_t i, const float *p) {
+    const box *b = &g->boxes[i];
+    if (b->least == MN_NONE)
+        return (mni_heap_key){INFINITY, MN_NONE};
+    return (mni_heap_key){distance2(p, b->low, b->high), b->least};
 }
 
 /* r's nearest other root. */
-static mni_heap_key nearest(const root_grid *g, uint32_t r) {
+static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
+    const float *p = &g->position[3 * (size_t)r];
     mni_heap_key best = {INFINITY, MN_NONE};
-    uint32_t middle[3];
-    cell_of(g, r, middle);
-    uint32_t most = 0;
-    for (int i = 0; i < 3; i++)
-        most = g->cells[i] > most ? g->cells[i] : most;
-    for (int64_t ring = 0; ring <= most; ring++) {
-        /* Everything in the rings so far is nearer than this. */
-        float safe = (float)(ring - 1) * g->cell_size;
-        if (ring > 0 && best.cost < safe * safe)
-            break;
-        for (int64_t z = -ring; z <= ring; z++)
-            for (int64_t y = -ring; y <= ring; y++) {
-                bool shell = z == -ring || z == ring || y == -ring || y == ring;
-                int64_t step = shell || ring == 0 ? 1 : 2 * ring;
-                for (int64_t x = -ring; x <= ring; x += step) {
-                    int64_t c[3] = {middle[0] + x, middle[1] + y, middle[2] + z};
-                    search_cell(g, r, c, &best);
-                }
-            }
+    struct {
+        mni_heap_key key;
+        uint32_t at;
+    } stack[LEVELS_MAX + 1];
+    uint32_t depth = 0;
+    stack[depth].key = promise(g, 1, p);
+    stack[depth++].at = 1;
+    while (depth > 0) {
+        mni_heap_key key = stack[--depth].key;
+        uint32_t at = stack[depth].at;
+        if (!mni_heap_key_less(key, r, best, r))
+            continue;
+        if (at < g->buckets) { /* the better half on top */
+            mni_heap_key left = promise(g, 2 * at, p), right = promise(g, 2 * at + 1, p);
+            bool left_first = mni_heap_key_less(left, r, right, r);
+            MN_ASSERT(depth + 2 <= LEVELS_MAX + 1);
+            stack[depth].key = left_first ? right : left;
+            stack[depth++].at = 2 * at + left_first;
+            stack[depth].key = left_first ? left : right;
+            stack[depth++].at = 2 * at + !left_first;
+            continue;
+        }
+        uint32_t b = at - g->buckets, end = bucket_start(g, (uint64_t)b + 1);
+        for (uint32_t i = bucket_start(g, b); i < end; i++) {
+            uint32_t v = g->root[i];
+            if (v == MN_NONE || v == r)
+                continue;
+            const float *q = &g->position[3 * (size_t)v];
+            mni_heap_key found = {distance2(p, q, q), v};
+            if (mni_heap_key_less(found, r, best, r))
+                best = found;
+        }
     }
     return best;
 }
 
-static mn_code join(mni_simplifier *s, root_grid *g) {
-    for (uint32_t a = 0; a < g->count; a++)
-        mni_heap_set(&s->heap, g->alive[a], nearest(g, g->alive[a]));
-    uint32_t left = g->count;
-    while (left > 1) {
+static mn_code join(mni_simplifier *s, root_boxes *g) {
+    for (uint32_t v = 0; v < s->mesh->vertices; v++)
+        if (s->node[v] != MN_NONE)
+            mni_heap_set(&s->heap, v, nearest(g, v));
+    for (uint32_t left = g->count; left > 1;) {
         uint32_t r = mni_heap_top(&s->heap);
         mni_heap_key key = mni_heap_key_of(&s->heap, r);
         if (s->node[key.kept] == MN_NONE) { /* its nearest has gone: find another */
@@ -160,15 +217,6 @@ static mn_code join(mni_simplifier *s, root_grid *g) {
         mn_code code = mni_simplify_record(s, r, key.kept);
         if (code != MN_OK)
             return code;
-        if (left > 16 && left < g->laid_count / 2) {
-            uint32_t kept = 0;
-            for (uint32_t a = 0; a < g->count; a++)
-                if (s->node[g->alive[a]] != MN_NONE)
-                    g->alive[kept++] = g->alive[a];
-            g->count = kept;
-            if (!lay(g))
-                return mn_fail(s->st, MN_FAILED, "out of memory while joining components");
-        }
     }
     return MN_OK;
 }
@@ -177,21 +225,26 @@ mn_code mni_simplify_roots(mni_simplifier *s) {
     uint32_t roots = s->mesh->vertices - s->made.count;
     if (roots == 1)
         return MN_OK;
-    root_grid g = {.position = s->mesh->position,
-                   .alive = malloc(roots * sizeof *g.alive),
-                   .next = malloc((size_t)s->mesh->vertices * sizeof *g.next)};
+    root_boxes g = {.position = s->mesh->position,
+                    .root = malloc(roots * sizeof *g.root),
+                    .bucket = malloc((size_t)s->mesh->vertices * sizeof *g.bucket),
+                    .buckets = 1};
+    while (roots / g.buckets >= BUCKET_MAX)
+        g.buckets *= 2;
+    g.boxes = malloc(2 * (size_t)g.buckets * sizeof *g.boxes);
     mn_code code = MN_OK;
-    if (g.alive == NULL || g.next == NULL)
+    if (g.root == NULL || g.bucket == NULL || g.boxes == NULL) {
         code = mn_fail(s->st, MN_FAILED, "out of memory while joining %u components", roots);
-    for (uint32_t v = 0; code == MN_OK && v < s->mesh->vertices; v++)
-        if (s->node[v] != MN_NONE)
-            g.alive[g.count++] = v;
-    if (code == MN_OK && !lay(&g))
-        code = mn_fail(s->st, MN_FAILED, "out of memory while joining %u components", roots);
-    if (code == MN_OK)
+    } else {
+        for (uint32_t v = 0; v < s->mesh->vertices; v++)
+            if (s->node[v] != MN_NONE)
+                g.root[g.count++] = v;
+        MN_ASSERT(g.count == roots);
+        lay(&g);
         code = join(s, &g);
-    free(g.alive);
-    free(g.next);
-    free(g.head);
+    }
+    free(g.root);
+    free(g.bucket);
+    free(g.boxes);
     return code;
 }
