@@ -8,10 +8,13 @@
  * of the widest side, so that lines, sheets and clusters far apart cost no more than roots spread
  * evenly, as a grid of equal cells would:
  *
- *            box 1             box i: children 2i, 2i + 1; as many roots on either side
- *          ╱       ╲           a box holds its roots' bounds and their least number: with many
- * roots box 2       box 3       in one place the least is found without looking at all of them ╱ ╲
- * ╱   ╲ 4–8 roots each            a root that goes is taken out, and the boxes above it shrink
+ *              box 1
+ *             /     \             box i has the children 2i and 2i + 1
+ *         box 2     box 3         leaves hold 4 to 8 roots
+ *         /   \     /   \
+ *
+ * A box holds its roots' bounds and their least number: with many roots in one place the least is
+ * found without looking at all of them. A root that goes is taken out, and the boxes above shrink.
  *
  * The work is n log n. Paper: §2.1.1 (virtual edges; there the neighbours come from a Voronoi
  * diagram). One thread; memory: 4 bytes a vertex, 4 to 18 more a root. */
