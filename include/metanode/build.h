@@ -219,7 +219,7 @@ mn_code mn_openmesh_subdivide(const mn_mesh *mesh, uint32_t times, const char *h
                               mn_mesh *out, mn_status *st);
 
 typedef struct mn_decimation {
-    double seconds; /* of the decimation alone */
+    double seconds; /* of the processor, for the decimation alone */
     uint64_t collapses;
 } mn_decimation;
 
