@@ -104,7 +104,8 @@ bool mni_surface_joined(mni_surface *s, uint32_t a, uint32_t b) {
     return false;
 }
 
-/* Packs all lists to the front of a new pool, half as large again as what is alive. */
+/* Packs all lists to the front of a new pool, half as large again as what is alive. No list has
+ * room to spare after that. */
 static bool pack_pool(mni_surface *s, uint32_t wanted) {
     size_t alive = 0;
     for (uint32_t v = 0; v < s->vertices; v++) {
@@ -113,6 +114,8 @@ static bool pack_pool(mni_surface *s, uint32_t wanted) {
         alive += count;
     }
     size_t room = alive + alive / 2 + 2 * (size_t)wanted + 64;
+    if (room > UINT32_MAX) /* places in it are 32 bits */
+        return false;
     uint32_t *pool = malloc(room * sizeof *pool);
     if (pool == NULL)
         return false;
@@ -175,10 +178,14 @@ static bool add_hinge(mni_surface *s, uint32_t k, uint32_t w, uint32_t of) {
     }
     o[2] = MN_NONE;
     s->simplex[x] = (mni_simplex){{k, w, MN_NONE}, MN_NONE};
-    if (!reserve(s, k, 1) || !reserve(s, w, 1))
-        return false;
-    s->pool[s->fan[k].first + s->fan[k].count++] = x;
-    s->pool[s->fan[w].first + s->fan[w].count++] = x;
+    const uint32_t ends[2] = {k,
+                              w}; /* one by one: reserving may pack, which takes unused room back */
+    for (int i = 0; i < 2; i++) {
+        if (!reserve(s, ends[i], 1))
+            return false;
+        mni_fan *f = &s->fan[ends[i]];
+        s->pool[f->first + f->count++] = x;
+    }
     s->simplices++;
     s->alive_hinges++;
     return true;

@@ -411,6 +411,24 @@ START_TEST(too_small_a_cap_names_one_that_does) {
 }
 END_TEST
 
+START_TEST(too_large_to_measure) {
+    static const float far_away[] = {1e18f, 2e18f, 3e37f, INFINITY, NAN};
+    for (size_t i = 0; i < sizeof far_away / sizeof far_away[0]; i++) {
+        model m = torus();
+        mn_tree t;
+        mn_status st = {0};
+        mn_simplify_desc desc = {0};
+        m.mesh.position[31] = far_away[i];
+        mn_code code = mn_simplify(&m.mesh, &desc, &t, &st);
+        ck_assert_int_eq(code, i == 0 ? MN_OK : MN_BAD_INPUT);
+        if (i > 0)
+            ck_assert_ptr_nonnull(strstr(st.text, "vertex 10 "));
+        mn_tree_free(&t);
+        free_model(&m);
+    }
+}
+END_TEST
+
 static bool legal(model *m, uint32_t r, uint32_t k) {
     mn_status st = {0};
     mni_surface s;
@@ -446,16 +464,60 @@ START_TEST(link_condition) {
 }
 END_TEST
 
+/* Whether each alive simplex is on the list of each of its vertices once, and nothing else is. */
+static bool lists_are_whole(mni_surface *s) {
+    uint64_t listed = 0, corners = 0, wrong = 0;
+    for (uint32_t v = 0; v < s->vertices; v++) {
+        uint32_t count;
+        const uint32_t *list = mni_surface_fan(s, v, &count);
+        for (uint32_t i = 0; i < count; i++) {
+            const uint32_t *c = s->simplex[list[i]].v;
+            wrong += c[0] != v && c[1] != v && c[2] != v;
+            for (uint32_t j = 0; j < i; j++)
+                wrong += list[i] == list[j];
+        }
+        listed += count;
+    }
+    for (uint32_t x = 0; x < s->simplices; x++)
+        if (s->simplex[x].killed == MN_NONE)
+            corners += s->simplex[x].v[2] == MN_NONE ? 2 : 3;
+    return wrong == 0 && listed == corners;
+}
+
+START_TEST(packing_at_any_moment) {
+    for (uint32_t free_places = 0; free_places < 40; free_places++) {
+        model m = makers[_i]();
+        mn_status st = {0};
+        mni_surface s;
+        ck_assert_int_eq(mni_surface_open(&s, &m.mesh, &st), MN_OK);
+        for (uint32_t made = 0, x = 0; x < s.simplices; x++) {
+            if (s.simplex[x].killed != MN_NONE)
+                continue;
+            if (s.pool_used + free_places < s.pool_room)
+                s.pool_room = s.pool_used + free_places; /* what is left fills up soon */
+            if (!mni_surface_collapse(&s, s.simplex[x].v[1], s.simplex[x].v[0], made++) ||
+                !lists_are_whole(&s))
+                ck_abort_msg("collapse %u of %u in %u free places", made, x, free_places);
+        }
+        ck_assert_uint_eq(s.alive_triangles + s.alive_hinges, 0);
+        mni_surface_close(&s);
+        free_model(&m);
+    }
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("simplify");
     TCase *tc = tcase_create("simplify");
     tcase_set_timeout(tc, 120);
     tcase_add_loop_test(tc, every_kind_of_mesh, 0, (int)(sizeof makers / sizeof makers[0]));
+    tcase_add_loop_test(tc, packing_at_any_moment, 0, (int)(sizeof makers / sizeof makers[0]));
     tcase_add_test(tc, open_sheet);
     tcase_add_test(tc, twice_the_same_tree);
     tcase_add_test(tc, components_are_counted);
     tcase_add_test(tc, lone_triangles_get_hinges);
     tcase_add_test(tc, too_small_a_cap_names_one_that_does);
+    tcase_add_test(tc, too_large_to_measure);
     tcase_add_test(tc, link_condition);
     suite_add_tcase(suite, tc);
     SRunner *runner = srunner_create(suite);
