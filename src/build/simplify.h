@@ -40,7 +40,7 @@ static inline void mni_way(const mn_mesh *mesh, uint32_t from, uint32_t to, doub
         d[i] = (double)mesh->position[3 * (size_t)to + i] - mesh->position[3 * (size_t)from + i];
 }
 
-/* Enough for shallow trees in flat parts (fandisk: depth 23, without it 801), too little to be seen
+/* Enough for shallow trees in flat parts (fandisk: depth 26, without it 801), too little to be seen
  * in the distance to the original. */
 #define MNI_LENGTH_SHARE 1e-9
 
