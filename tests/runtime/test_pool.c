@@ -35,17 +35,9 @@ static void trace(void *context, uint32_t event, uint32_t block_id, uint32_t slo
               generation == traced.slot_generation[slot]);
 }
 
-/* Root block 0 with children 1 … fanout, each with fanout children, and so on. */
-static void open_store(mn_blocking blocking, uint32_t fanout, uint32_t blocks, uint32_t k) {
+static void open_made(const made_desc *made, uint32_t k) {
     memset(&traced, 0, sizeof traced);
-    made_desc made = {.seed = 1,
-                      .blocks = blocks,
-                      .depth_max = 4,
-                      .fanout_max = fanout,
-                      .pages_max = 1,
-                      .blocking = blocking,
-                      .regular = true};
-    made_file_make(&file, &made);
+    made_file_make(&file, made);
     mni_store_desc desc = {.path = file.path,
                            .header = &file.header,
                            .kind = MN_STORE_PAGED,
@@ -58,6 +50,18 @@ static void open_store(mn_blocking blocking, uint32_t fanout, uint32_t blocks, u
         mni_arena_open(&arena, mni_store_need_bytes(&file.header, desc.kind, desc.k), NULL), MN_OK);
     ck_assert_int_eq(mni_store_open(&desc, &arena, &store, NULL), MN_OK);
     root = mni_store_root(store, 0);
+}
+
+/* Root block 0 with children 1 … fanout, each with fanout children, and so on. */
+static void open_store(mn_blocking blocking, uint32_t fanout, uint32_t blocks, uint32_t k) {
+    open_made(&(made_desc){.seed = 1,
+                           .blocks = blocks,
+                           .depth_max = 4,
+                           .fanout_max = fanout,
+                           .pages_max = 1,
+                           .blocking = blocking,
+                           .regular = true},
+              k);
 }
 
 static void close_store(void) {
@@ -103,6 +107,16 @@ static mni_entry take(mni_entry parent, mn_block_ref ref) {
     }
     ck_assert_int_eq(answer, MNI_GRANTED);
     return entry;
+}
+
+/* The same on the way up, which is never refused. */
+static void take_up(mni_entry entry) {
+    mni_answer answer = mni_store_up(store, entry);
+    for (int frame = 0; answer == MNI_ABSENT && frame < 5; frame++) {
+        next_frame();
+        answer = mni_store_up(store, entry);
+    }
+    ck_assert_int_eq(answer, MNI_GRANTED);
 }
 
 /* A block in use has its parent and children fetched; unused, a second chance costs no read. */
@@ -311,6 +325,69 @@ START_TEST(lying_references_are_absent) {
 }
 END_TEST
 
+/* The ancestor table holds 4 × (K + depth) entries and not one more: a switch down that would
+ * overflow it is refused and changes nothing, every way up goes on, and what goes makes room. Roots
+ * whose blocks are chains: few blocks in use, and many ancestors. */
+START_TEST(a_full_ancestor_table_refuses) {
+    enum { ROOTS = 20, DEPTH = 12, K = ROOTS + 4, ENTRIES = 4 * (K + DEPTH) };
+    open_made(&(made_desc){.seed = 1,
+                           .blocks = ROOTS * DEPTH,
+                           .depth_max = DEPTH,
+                           .fanout_max = 1,
+                           .pages_max = 1,
+                           .roots = ROOTS,
+                           .blocking = MN_BLOCKING_LEVELS,
+                           .regular = true},
+              K);
+    ck_assert_uint_eq(mni_store_entries_max(&file.header, MN_STORE_PAGED, K), ENTRIES);
+    mni_entry chain[ROOTS][DEPTH];
+    uint32_t block[ROOTS], depth[ROOTS], entries = ROOTS, full_at = MN_NONE, block_at_3 = 0;
+    for (uint32_t r = 0; r < ROOTS; r++) {
+        chain[r][0] = r > 0 ? mni_store_root(store, r) : root;
+        block[r] = r;
+        depth[r] = 1;
+    }
+    next_frame();
+    for (uint32_t r = 0; r < ROOTS && full_at == MN_NONE; r++)
+        while (depth[r] < DEPTH && full_at == MN_NONE) {
+            mn_block_ref below = child_of(block[r], 0);
+            mni_entry top = chain[r][depth[r] - 1];
+            if (entries < ENTRIES) {
+                chain[r][depth[r]++] = take(top, below);
+                mni_store_sub(store, top);
+                block[r] = block_of(below);
+                if (r == 0 && depth[r] == 4)
+                    block_at_3 = block[r];
+                entries++;
+                continue;
+            }
+            full_at = r;
+            mni_entry none;
+            next_frame(); /* and its prefetch is there: it is the table that refuses */
+            uint32_t loads = traced.loads;
+            ck_assert_int_eq(mni_store_down(store, top, below, &none), MNI_REFUSED);
+            ck_assert_uint_eq(none, MNI_NO_ENTRY);
+            ck_assert_uint_eq(mni_store_usage(store, top), 1);
+            next_frame();
+            ck_assert_uint_eq(traced.loads, loads);
+        }
+    ck_assert(full_at != MN_NONE && full_at > 0);
+    take_up(chain[0][3]); /* what has an entry already takes none */
+    ck_assert_uint_eq(take(chain[0][3], child_of(block_at_3, 0)), chain[0][4]);
+    mni_store_sub(store, chain[0][4]);
+    mni_store_sub(store, chain[0][3]);
+    for (uint32_t r = 0; r < ROOTS; r++)
+        for (; depth[r] > 1 && r != full_at; depth[r]--) {
+            take_up(chain[r][depth[r] - 2]);
+            mni_store_sub(store, chain[r][depth[r] - 1]);
+        }
+    next_frame();
+    mni_entry top = chain[full_at][depth[full_at] - 1];
+    mni_store_sub(store, take(top, child_of(block[full_at], 0))); /* there is room again */
+    close_store();
+}
+END_TEST
+
 /* Chunks retire and return; the walk goes on. */
 START_TEST(chunks_retire_and_return) {
     made_desc made = {.seed = 4, .blocks = 1500, .depth_max = 6, .fanout_max = 5, .pages_max = 1};
@@ -354,6 +431,7 @@ int main(void) {
     tcase_add_loop_test(tests, a_chain_keeps_its_blocks, 0, 4);
     tcase_add_test(tests, what_is_not_asked_for_is_dropped);
     tcase_add_test(tests, lying_references_are_absent);
+    tcase_add_test(tests, a_full_ancestor_table_refuses);
     tcase_add_loop_test(tests, chunks_retire_and_return, MN_IO_URING, MN_IO_SIM + 1);
     suite_add_tcase(suite, tests);
     SRunner *runner = srunner_create(suite);
