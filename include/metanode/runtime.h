@@ -149,7 +149,10 @@ uint64_t mn_session_foldovers(mn_session *session, uint64_t *legal);
 void mn_session_close(mn_session *session);
 
 /* The mesh of the current frame, as the renderer wants it. Pointers live until the next frame.
- * Node slots are stable while a node is active; slots that are not active hold stale data. */
+ * Slots are stable: of a node while it is active, of a simplex too; those that are not active hold
+ * stale data. Who has seen an earlier version looks only at the pages of slots that have been
+ * written since (mn_front_written). */
+enum { MN_FRONT_PAGE = 64 }; /* slots */
 typedef struct mn_front {
     uint32_t node_slots;
     const float *position;     /* 3 × node_slots */
@@ -160,7 +163,15 @@ typedef struct mn_front {
                                      [3s+2] MN_NONE: a hinge, not drawn */
     const uint32_t *simplex_leaf; /* 3 × simplex_slots: leaf ids, the input triangle */
     uint64_t triangles;
+    uint64_t version;              /* rises with every split and collapse that stays */
+    const uint32_t *node_stamp;    /* a page of node slots; NULL: unknown, any may be written */
+    const uint32_t *simplex_stamp; /* a page of simplex slots */
 } mn_front;
+/* May a page with that stamp have been written since the front had that version? Versions up to
+ * 2^31 back can be asked for. */
+static inline bool mn_front_written(uint32_t stamp, uint64_t version) {
+    return stamp - (uint32_t)version < UINT32_C(1) << 31;
+}
 void mn_session_front(const mn_session *session, mn_front *out);
 
 #ifdef __cplusplus

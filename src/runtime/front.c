@@ -47,6 +47,9 @@ static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
     sum += take(arena, &f->simplex_node, corners, sizeof *f->simplex_node);
     sum += take(arena, &f->next, corners, sizeof *f->next);
     sum += take(arena, &f->prev, corners, sizeof *f->prev);
+    sum += take(arena, &f->node_stamp, slots / MN_FRONT_PAGE + 1, sizeof *f->node_stamp);
+    sum += take(arena, &f->simplex_stamp, f->simplices_max / MN_FRONT_PAGE + 1,
+                sizeof *f->simplex_stamp);
     return sum;
 }
 
@@ -64,6 +67,7 @@ static uint32_t pair_new(mni_front *f) {
         i = f->pairs_high++;
     }
     f->pairs_used++;
+    f->node_stamp[2 * i / MN_FRONT_PAGE] = (uint32_t)f->version; /* whoever takes it fills it */
     f->pair[i] = (mni_front_pair){.parent = MN_NONE, .witness = MN_NONE};
     return i;
 }
@@ -90,6 +94,7 @@ static uint32_t simplex_new(mni_front *f) {
 
 static void simplex_free(mni_front *f, uint32_t s) {
     f->simplex_node[3 * (size_t)s] = MN_NONE;
+    f->simplex_stamp[s / MN_FRONT_PAGE] = (uint32_t)f->version;
     f->next[3 * (size_t)s] = f->simplex_free;
     f->simplex_free = s;
     f->simplices_used--;
@@ -100,6 +105,7 @@ static void simplex_free(mni_front *f, uint32_t s) {
 static void corner_push(mni_front *f, uint32_t slot, uint32_t c) {
     uint32_t head = f->node[slot].first;
     f->simplex_node[c] = slot;
+    f->simplex_stamp[c / (3 * MN_FRONT_PAGE)] = (uint32_t)f->version;
     f->prev[c] = MN_NONE;
     f->next[c] = head;
     if (head != MN_NONE)

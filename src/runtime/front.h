@@ -79,6 +79,8 @@ typedef struct mni_front {
     uint32_t *simplex_leaf; /* 3 × simplices; corner c = 3 × simplex + 0 … 2 */
     uint32_t *simplex_node; /* slots; [3s] MN_NONE: free */
     uint32_t *next, *prev;  /* a node's corners; next[3s] of a free simplex: the next free one */
+    uint32_t *node_stamp; /* a page of MN_FRONT_PAGE slots: low bits of version, last written at */
+    uint32_t *simplex_stamp;
 
     uint32_t pairs_high, pair_free, pairs_used; /* high: never used from here on */
     uint32_t simplices_high, simplex_free, simplices_used;

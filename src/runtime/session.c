@@ -294,7 +294,10 @@ void mn_session_front(const mn_session *s, mn_front *out) {
                       .simplex_slots = front->simplices_high,
                       .simplex_node = front->simplex_node,
                       .simplex_leaf = front->simplex_leaf,
-                      .triangles = front->triangles};
+                      .triangles = front->triangles,
+                      .version = front->version,
+                      .node_stamp = front->node_stamp,
+                      .simplex_stamp = front->simplex_stamp};
 }
 
 /* ---- checks ---------------------------------------------------------------------------------- */

@@ -330,6 +330,69 @@ START_TEST(leaves) {
 }
 END_TEST
 
+typedef struct seen { /* a front as a renderer keeps it */
+    uint64_t version;
+    float position[3 * 4096];
+    uint32_t simplex_node[3 * 4096];
+} seen;
+
+static void see(const mni_front *f, seen *s) {
+    ck_assert(2 * f->pairs_max <= 4096 && f->simplices_max <= 4096);
+    s->version = f->version;
+    memcpy(s->position, f->position, 6 * f->pairs_max * sizeof *f->position);
+    memcpy(s->simplex_node, f->simplex_node, 3 * f->simplices_max * sizeof *f->simplex_node);
+}
+
+/* What is not as it was seen lies in a page stamped since. Returns how many pages are stamped. */
+static uint32_t check_stamps(const mni_front *f, const seen *s) {
+    uint32_t written = 0;
+    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++) {
+        bool stamped = mn_front_written(f->node_stamp[slot / MN_FRONT_PAGE], s->version);
+        written += stamped && slot % MN_FRONT_PAGE == 0;
+        ck_assert(stamped || memcmp(&s->position[3 * slot], &f->position[3 * slot],
+                                    3 * sizeof *f->position) == 0);
+    }
+    for (uint32_t i = 0; i < f->simplices_high; i++) {
+        bool stamped = mn_front_written(f->simplex_stamp[i / MN_FRONT_PAGE], s->version);
+        written += stamped && i % MN_FRONT_PAGE == 0;
+        ck_assert(stamped || memcmp(&s->simplex_node[3 * i], &f->simplex_node[3 * i],
+                                    3 * sizeof *f->simplex_node) == 0);
+    }
+    return written;
+}
+
+/* Stamps find every page that moves, undone ones too, have written, also where the version's low
+ * 32 bits wrap; and not every page. */
+START_TEST(stamps) {
+    static seen s;
+    rig r;
+    uint32_t pages = 0, written = 0;
+    rig_open(&r, MODEL_GLOBE, 1500, &levels_5);
+    refine_fully(&r);
+    r.front.version += UINT32_MAX - r.front.version - 300;
+    for (int round = 0; round < 600; round++) {
+        see(&r.front, &s);
+        for (int i = 0; i < 8; i++) {
+            uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high));
+            if (can_split(&r, slot)) {
+                ck_assert_int_eq(mni_front_split(&r.front, slot), MNI_DONE);
+                if (i % 3 == 0)
+                    mni_front_unsplit(&r.front, slot);
+                else
+                    mni_front_release(&r.front, slot);
+            } else if (can_collapse(&r, slot / 2)) {
+                ck_assert_int_eq(mni_front_collapse(&r.front, slot / 2), MNI_DONE);
+            }
+        }
+        pages += (2 * r.front.pairs_high + r.front.simplices_high) / MN_FRONT_PAGE + 2;
+        written += check_stamps(&r.front, &s);
+    }
+    ck_assert_uint_gt(r.front.version, UINT32_MAX);
+    ck_assert_uint_lt(written, pages / 2);
+    rig_close(&r);
+}
+END_TEST
+
 /* Too little room is refused, and changes nothing. */
 START_TEST(room) {
     rig r;
@@ -373,6 +436,7 @@ int main(void) {
     tcase_add_loop_test(tc, unsplit_undoes, 0, MODEL_SHAPES);
     tcase_add_test(tc, witnesses);
     tcase_add_test(tc, leaves);
+    tcase_add_test(tc, stamps);
     tcase_add_test(tc, room);
     suite_add_tcase(suite, tc);
     SRunner *runner = srunner_create(suite);
