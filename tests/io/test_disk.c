@@ -1,13 +1,19 @@
-/* Goal: every method returns the file's bytes, each read once; the simulated disk does what its
- * seed says, and nothing else. Method: a file of numbered pages, all depths, all tags. */
+/* Goal: every method returns the file's bytes, each read once, whatever the kernel refuses; the
+ * simulated disk does what its seed says, and nothing else. Method: a file of numbered pages, all
+ * depths, all tags; filters on system calls. */
+#define _GNU_SOURCE /* O_DIRECT */
 #include <check.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include "disk.h"
+#include "refuse.h"
 
 enum { PAGES = 256, READ_PAGES = 2, READ_BYTES = READ_PAGES * MN_PAGE_BYTES, CHUNK_READS = 5 };
 
@@ -15,6 +21,8 @@ static char path[32];
 static mni_arena arena;
 static mni_disk disk;
 static unsigned char *memory;
+static char warned[4][300]; /* in their order */
+static int warnings;
 
 static void make_file(void) {
     strcpy(path, "/tmp/mn-disk-XXXXXX");
@@ -33,7 +41,8 @@ static void remove_file(void) {
 
 static void warn(void *context, const char *text) {
     (void)context;
-    printf("warning: %s\n", text);
+    ck_assert_int_lt(warnings, 4);
+    snprintf(warned[warnings++], sizeof warned[0], "%s", text);
 }
 
 static mn_code open_disk(mn_io_kind kind, uint64_t file_bytes, mn_sim_desc sim, mn_status *st) {
@@ -73,9 +82,7 @@ static uint32_t collect(mni_done *done) {
     return disk.method->collect(disk.self, done, MNI_DISK_DEPTH, true);
 }
 
-START_TEST(every_read_comes_once) {
-    ck_assert_int_eq(open_disk((mn_io_kind)_i, PAGES * MN_PAGE_BYTES, (mn_sim_desc){0}, NULL),
-                     MN_OK);
+static void read_all_once(void) {
     for (uint32_t round = 0; round < 20; round++) {
         uint32_t sent = 0, back = 0;
         bool seen[MNI_DISK_DEPTH] = {false};
@@ -97,6 +104,75 @@ START_TEST(every_read_comes_once) {
         mni_done none[MNI_DISK_DEPTH];
         ck_assert_uint_eq(disk.method->collect(disk.self, none, MNI_DISK_DEPTH, false), 0);
     }
+}
+
+START_TEST(every_read_comes_once) {
+    ck_assert_int_eq(open_disk((mn_io_kind)_i, PAGES * MN_PAGE_BYTES, (mn_sim_desc){0}, NULL),
+                     MN_OK);
+    read_all_once();
+    close_disk();
+}
+END_TEST
+
+/* Containers refuse io_uring: one warning, and pread brings the same. */
+START_TEST(io_uring_refused) {
+    static const unsigned errors[] = {EPERM, ENOSYS};
+    if (!refuse_call(SYS_io_uring_setup, 0, 0, 0, errors[_i])) {
+        printf("skipped: no filters of system calls here\n");
+        return;
+    }
+    ck_assert_int_eq(open_disk(MN_IO_URING, PAGES * MN_PAGE_BYTES, (mn_sim_desc){0}, NULL), MN_OK);
+    ck_assert_ptr_eq(disk.method, &mni_method_pread);
+    ck_assert_int_eq(warnings, 1);
+    ck_assert_ptr_nonnull(strstr(warned[0], "io_uring is refused"));
+    ck_assert_ptr_nonnull(strstr(warned[0], "pread"));
+    read_all_once();
+    close_disk();
+}
+END_TEST
+
+/* Pages of the file in the page cache. */
+static int pages_cached(void) {
+    unsigned char there[PAGES];
+    int fd = open(path, O_RDONLY), count = 0;
+    void *map = mmap(NULL, PAGES * MN_PAGE_BYTES, PROT_READ, MAP_SHARED, fd, 0);
+    ck_assert(map != MAP_FAILED && mincore(map, PAGES * MN_PAGE_BYTES, there) == 0);
+    for (int i = 0; i < PAGES; i++)
+        count += there[i] & 1;
+    munmap(map, PAGES * MN_PAGE_BYTES);
+    close(fd);
+    return count;
+}
+
+/* false: the file lives in the page cache. */
+static bool forget_pages(void) {
+    int fd = open(path, O_RDONLY);
+    ck_assert(fd >= 0 && fsync(fd) == 0);
+    posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
+    close(fd);
+    return pages_cached() == 0;
+}
+
+/* File systems refuse O_DIRECT when a file is opened, or only when it is read: one warning, and
+ * both methods read without it, and tell the kernel to forget what it has read. */
+START_TEST(o_direct_refused) {
+    bool at_open = _i % 2 == 0, on_disk = forget_pages();
+    int next =
+        open("/dev/null", O_RDONLY); /* the number that a file gets; the next is the second's */
+    close(next);
+    if (!(at_open ? refuse_call(SYS_openat, 2, O_DIRECT, O_DIRECT, EINVAL)
+                  : refuse_call(SYS_pread64, 0, UINT32_MAX, (unsigned)next + 1, EINVAL))) {
+        printf("skipped: no filters of system calls here\n");
+        return;
+    }
+    mn_io_kind kind = _i < 2 ? MN_IO_URING : MN_IO_PREAD;
+    ck_assert_int_eq(open_disk(kind, PAGES * MN_PAGE_BYTES, (mn_sim_desc){0}, NULL), MN_OK);
+    ck_assert_int_ge(warnings, 1); /* io_uring may be refused here as well */
+    ck_assert_ptr_nonnull(strstr(warned[0], "refuses O_DIRECT"));
+    ck_assert_ptr_nonnull(strstr(warned[0], path));
+    ck_assert_int_eq(fcntl(disk.fd, F_GETFL) & O_DIRECT, 0);
+    read_all_once();
+    ck_assert(!on_disk || pages_cached() == 0);
     close_disk();
 }
 END_TEST
@@ -185,6 +261,8 @@ int main(void) {
     TCase *tests = tcase_create("disk");
     tcase_add_checked_fixture(tests, make_file, remove_file);
     tcase_add_loop_test(tests, every_read_comes_once, MN_IO_URING, MN_IO_SIM + 1);
+    tcase_add_loop_test(tests, io_uring_refused, 0, 2);
+    tcase_add_loop_test(tests, o_direct_refused, 0, 4);
     tcase_add_loop_test(tests, chunks_come_and_go, MN_IO_URING, MN_IO_SIM + 1);
     tcase_add_loop_test(tests, short_file_is_refused, MN_IO_URING, MN_IO_SIM + 1);
     tcase_add_test(tests, faults_as_told);
