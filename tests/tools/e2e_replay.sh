@@ -102,6 +102,33 @@ settled_fronts() {
     done
 }
 
+# ---- a file system without O_DIRECT -------------------------------------------------------------------
+
+# ramfs has none. One warning, the same fronts, and the cap.
+without_o_direct() {
+    local model=$1 io real=$metanode
+    mkdir -p ram
+    if ! unshare -rm mount -t ramfs none ram 2>"$err"; then
+        skip "a file system without O_DIRECT ($(head -n 1 "$err"))"
+        return
+    fi
+    cat >on-ram <<END
+#!/bin/sh
+exec unshare -rm sh -c 'mount -t ramfs none ram && cp $model-packed.mnt ram/ && exec "\$@"' - "$real" "\$@"
+END
+    chmod +x on-ram
+    for path in orbit dive; do
+        fronts reference "$model-packed.mnt" --path "$path" --store resident || continue
+        for io in uring pread; do
+            metanode=$scratch/on-ram
+            fronts "ramfs-$io" "ram/$model-packed.mnt" --path "$path" --io "$io" &&
+                holds "ramfs-$io: one warning" "$(grep -c 'warning: ram/.*O_DIRECT' "$err") == 1" &&
+                check "$model $path: ramfs and $io have resident's fronts" cmp "ramfs-$io.fronts" reference.fronts
+            metanode=$real
+        done
+    done
+}
+
 # ---- the same figures twice -------------------------------------------------------------------------
 
 same_figures() {
@@ -148,6 +175,7 @@ expect 0 hills make terrain --triangles 6000 --seed 5 -o hills.ply || finish
 build_model hills || finish
 part settled_fronts torus
 part settled_fronts hills
+part without_o_direct hills
 part same_figures hills
 part options hills-packed.mnt
 finish
