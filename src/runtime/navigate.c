@@ -101,7 +101,9 @@ static void collapse_pass(mni_navigator *nav) {
             nav->work.refused_budget++;
             continue;
         }
+        uint32_t triangles = front->triangles;
         mni_outcome outcome = mni_front_collapse(front, pair);
+        nav->work.triangles_removed += triangles - front->triangles;
         mni_store_attempt_over(front->store);
         check_small(nav);
         nav->work.collapses += outcome == MNI_DONE;
@@ -231,7 +233,7 @@ static void split_pass(mni_navigator *nav) {
     split_agenda(nav, again);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     while (nav->agenda_count > 0) {
-        uint32_t slot = agenda_pop(nav), count;
+        uint32_t slot = agenda_pop(nav), count, triangles = front->triangles;
         if (!mni_front_is_active(front, slot)) /* forced by another */
             continue;
         mni_outcome outcome = closed;
@@ -247,6 +249,7 @@ static void split_pass(mni_navigator *nav) {
         for (uint32_t i = 0; i < count; i++)
             mni_front_release(front, nav->chain[i]);
         nav->work.splits += count;
+        nav->work.triangles_made += front->triangles - triangles;
         for (uint32_t i = 0; i < count; i++) {
             uint32_t pair = front->node[nav->chain[i]].pair;
             for (uint32_t child = 2 * pair; child < 2 * pair + 2; child++)

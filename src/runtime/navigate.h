@@ -20,6 +20,7 @@ typedef struct mni_agenda_item {
 /* What a frame did and could not do (terms in design.md §1). */
 typedef struct mni_work {
     uint64_t splits, collapses, misses;
+    uint64_t triangles_made, triangles_removed;
     uint64_t refused_front, refused_budget, refused_pool, waits_dependency;
     bool refused_split; /* the wanted mesh does not fit: front or pool */
 } mni_work;

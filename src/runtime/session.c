@@ -167,6 +167,8 @@ static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *sta
     stats->splits += work->splits;
     stats->collapses += work->collapses;
     stats->adapt += work->splits + work->collapses;
+    stats->triangles_made += work->triangles_made;
+    stats->triangles_removed += work->triangles_removed;
     stats->misses += work->misses;
     stats->refused_front += work->refused_front;
     stats->refused_budget += work->refused_budget;
@@ -213,6 +215,9 @@ static void count_frame(mn_session *s, const mn_frame_stats *frame) {
     s->total.frames++;
     s->total.misses += frame->misses;
     s->total.adapt += frame->adapt;
+    s->total.triangles_made += frame->triangles_made;
+    s->total.triangles_removed += frame->triangles_removed;
+    s->total.active_nodes += s->nav.front.active;
     s->total.refused_front += frame->refused_front;
     s->total.refused_budget += frame->refused_budget;
     s->total.refused_pool += frame->refused_pool;
@@ -279,6 +284,9 @@ void mn_session_stats_get(const mn_session *s, mn_session_stats *out) {
     out->frames = s->total.frames;
     out->misses = s->total.misses;
     out->adapt = s->total.adapt;
+    out->triangles_made = s->total.triangles_made;
+    out->triangles_removed = s->total.triangles_removed;
+    out->active_nodes = s->total.active_nodes;
     out->refused_front = s->total.refused_front;
     out->refused_budget = s->total.refused_budget;
     out->refused_pool = s->total.refused_pool;

@@ -170,6 +170,19 @@ options() {
     expect 5 "K does not fit" replay "$file" --path orbit --ram 4M -K 100000 && one_line "K does not fit" --ram
 }
 
+# What bench adapt counts must agree with itself: over whole laps of one cycle as much is made as removed.
+adapt_bench() {
+    local file=$1
+    expect 0 "bench adapt" bench adapt "$file" --path orbit --frames 8 --slow-frames 20 --json || return 0
+    check "bench adapt: keys" "$helpers/e2e_json" fast_frames slow_frames files <"$out"
+    check "bench adapt: no figure is missing" test "$(grep -o '"triangles_[a-z]*": [1-9]' "$out" | wc -l)" -ge 7
+    check "bench adapt: laps close" test "$(grep -o '"triangles_made": [0-9]*' "$out" | head -1 | grep -o '[0-9]*$')" \
+        -eq "$(grep -o '"triangles_removed": [0-9]*' "$out" | head -1 | grep -o '[0-9]*$')"
+    expect 0 "bench adapt as a table" bench adapt "$file" --frames 4 --slow-frames 5 --front 300 &&
+        check "bench adapt as a table: three paths" grep -q flyover "$out"
+    expect 2 "bench adapt of nothing" bench adapt && one_line "bench adapt of nothing" FILE
+}
+
 part every_combination
 expect 0 hills make terrain --triangles 6000 --seed 5 -o hills.ply || finish
 build_model hills || finish
@@ -178,4 +191,5 @@ part settled_fronts hills
 part without_o_direct hills
 part same_figures hills
 part options hills-packed.mnt
+part adapt_bench hills-packed.mnt
 finish
