@@ -182,11 +182,17 @@ mn_code mni_plan_overflow(mni_plan *plan, uint32_t block, mn_status *st) {
     return code;
 }
 
+static mni_facts facts_of(const mn_tree *tree, uint32_t node) {
+    return (mni_facts){tree->leaves + node, tree->switch_value[node], tree->radius[node],
+                       tree->cone[node]};
+}
+
 static mni_child child_of(const mni_plan *plan, uint32_t node, uint32_t side) {
     uint32_t child = mni_plan_child(plan->tree, node, side);
-    mni_child out = {MNI_CHILD_LEAF, MN_NONE, MN_NONE, MN_NONE};
+    mni_child out = {.kind = MNI_CHILD_LEAF, .node = MN_NONE, .ref = MN_NONE};
     if (child == MN_NONE)
         return out;
+    out.facts = facts_of(plan->tree, child);
     if (plan->block_of[child] == plan->block_of[node] && plan->block_of[node] != MN_NONE) {
         out.kind = MNI_CHILD_INNER;
         out.node = plan->index[child];
@@ -204,11 +210,8 @@ static void leaf_record(const mn_tree *tree, uint32_t leaf, float position[3], u
 void mni_plan_node(const mni_plan *plan, uint32_t node, mni_node *out) {
     const mn_tree *tree = plan->tree;
     uint32_t all = tree->simplex_start[node + 1] - tree->simplex_start[node];
-    *out = (mni_node){.order = tree->leaves + node,
+    *out = (mni_node){.facts = facts_of(tree, node),
                       .leaf_mid = tree->leaf_mid[node],
-                      .switch_value = tree->switch_value[node],
-                      .radius = tree->radius[node],
-                      .cone = tree->cone[node],
                       .left = child_of(plan, node, 0),
                       .right = child_of(plan, node, 1),
                       .simplex_count = mni_plan_simplices(plan, node),
@@ -220,15 +223,8 @@ void mni_plan_subtree(const mni_plan *plan, const mni_plan_root *root, mni_subtr
     const mn_tree *tree = plan->tree;
     *out = (mni_subtree){.node = plan->index[root->node],
                          .leaf_lo = tree->leaf_lo[root->node],
-                         .leaf_hi = tree->leaf_hi[root->node],
-                         .parent_order = MN_NONE};
+                         .leaf_hi = tree->leaf_hi[root->node]};
     leaf_record(tree, out->leaf_lo, out->position, &out->color);
-    if (root->parent != MN_NONE) {
-        out->parent_order = tree->leaves + root->parent;
-        out->parent_switch_value = tree->switch_value[root->parent];
-        out->parent_radius = tree->radius[root->parent];
-        out->parent_cone = tree->cone[root->parent];
-    }
 }
 
 void mni_plan_tally(mni_plan *plan, uint32_t block, mni_tally *tally) {

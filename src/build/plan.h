@@ -26,8 +26,7 @@ typedef struct mni_planned {
 typedef struct mni_plan_root {
     uint32_t node;
     uint32_t leaf_lo;
-    uint32_t parent; /* its parent node, in the parent block; MN_NONE for a root of the forest */
-    bool whole;      /* the policy has promised that the whole subtree fits */
+    bool whole; /* the policy has promised that the whole subtree fits */
 } mni_plan_root;
 
 typedef struct mni_plan {

@@ -25,6 +25,7 @@ typedef struct exit_record {
     uint32_t parent; /* inner index; MN_NONE: a root of the forest */
     uint32_t side;   /* 0 left, 1 right; of a root: its number */
     uint32_t ref, subtree;
+    mni_facts facts; /* not of a root */
 } exit_record;
 
 typedef struct task {
@@ -152,19 +153,15 @@ static mn_code load_overflow(loader *l, mn_block_ref place, uint32_t parent_id, 
     return code;
 }
 
-/* What a child is called in the tree; of SUBTREEs the child block will tell. */
-static uint32_t child_order(loader *l, const mni_block *view, uint32_t node, const mni_child *child,
-                            uint32_t lo, uint32_t hi) {
-    mni_node record;
-    (void)node;
+/* What a child is called in the tree. */
+static uint32_t child_order(loader *l, const mni_child *child, uint32_t lo, uint32_t hi) {
     if (child->kind == MNI_CHILD_LEAF)
         return lo;
-    if (child->kind == MNI_CHILD_SUBTREE)
-        return MN_NONE;
-    l->lo[child->node] = lo;
-    l->hi[child->node] = hi;
-    mni_block_node(view, child->node, &record);
-    return record.order;
+    if (child->kind == MNI_CHILD_INNER) {
+        l->lo[child->node] = lo;
+        l->hi[child->node] = hi;
+    }
+    return child->facts.order;
 }
 
 static mn_code add_exit(loader *l, const mni_child *child, uint32_t parent, uint32_t side) {
@@ -172,7 +169,7 @@ static mn_code add_exit(loader *l, const mni_child *child, uint32_t parent, uint
         return MN_OK;
     if (!grow((void **)&l->exit, l->exits + 1, &l->exits_capacity, sizeof *l->exit))
         return no_memory(l);
-    l->exit[l->exits++] = (exit_record){parent, side, child->ref, child->subtree};
+    l->exit[l->exits++] = (exit_record){parent, side, child->ref, child->subtree, child->facts};
     return MN_OK;
 }
 
@@ -181,22 +178,22 @@ static mn_code load_node(loader *l, const mni_block *view, uint32_t id, uint32_t
     mn_tree *t = l->tree;
     mni_node record;
     mni_block_node(view, node, &record);
-    uint32_t i = record.order - t->leaves; /* in range: mni_block_open has seen it */
+    uint32_t i = record.facts.order - t->leaves; /* in range: mni_block_open has seen it */
     if (l->loaded[i])
-        return BAD(l, id, "node %u stands in the file twice", record.order);
+        return BAD(l, id, "node %u stands in the file twice", record.facts.order);
     l->loaded[i] = 1;
     t->leaf_lo[i] = l->lo[node];
     t->leaf_mid[i] = record.leaf_mid;
     t->leaf_hi[i] = l->hi[node];
-    t->switch_value[i] = record.switch_value;
-    t->radius[i] = record.radius;
-    t->cone[i] = record.cone;
+    t->switch_value[i] = record.facts.switch_value;
+    t->radius[i] = record.facts.radius;
+    t->cone[i] = record.facts.cone;
     memcpy(t->leaf_position + 3 * (size_t)record.leaf_mid, record.right_position,
            sizeof record.right_position);
     if (t->leaf_color != NULL)
         t->leaf_color[record.leaf_mid] = record.right_color;
-    t->left[i] = child_order(l, view, node, &record.left, l->lo[node], record.leaf_mid);
-    t->right[i] = child_order(l, view, node, &record.right, record.leaf_mid, l->hi[node]);
+    t->left[i] = child_order(l, &record.left, l->lo[node], record.leaf_mid);
+    t->right[i] = child_order(l, &record.right, record.leaf_mid, l->hi[node]);
     mn_code code = add_exit(l, &record.left, i, 0);
     if (code == MN_OK)
         code = add_exit(l, &record.right, i, 1);
@@ -224,23 +221,17 @@ static int by_ref(const void *a, const void *b) {
     return x->subtree < y->subtree ? -1 : x->subtree > y->subtree;
 }
 
-static bool same_cone(mn_cone a, mn_cone b) {
-    return a.axis[0] == b.axis[0] && a.axis[1] == b.axis[1] && a.angle == b.angle;
-}
-
-/* What the child block says of its parent's node, and what that node said of it. */
-static bool subtree_agrees(const loader *l, const mni_subtree *s, const exit_record *e) {
+/* What the child block says of its subtree, and what the parent's node said of it. */
+static bool subtree_agrees(const loader *l, const mni_subtree *s, const mni_facts *facts,
+                           const exit_record *e) {
     const mn_tree *t = l->tree;
     if (e->parent == MN_NONE)
-        return s->parent_order == MN_NONE;
+        return true;
     uint32_t lo = e->side == 0 ? t->leaf_lo[e->parent] : t->leaf_mid[e->parent];
     uint32_t hi = e->side == 0 ? t->leaf_mid[e->parent] : t->leaf_hi[e->parent];
-    return s->parent_order == t->leaves + e->parent && s->leaf_lo == lo && s->leaf_hi == hi &&
+    return s->leaf_lo == lo && s->leaf_hi == hi && mni_facts_equal(facts, &e->facts) &&
            memcmp(s->position, t->leaf_position + 3 * (size_t)lo, sizeof s->position) == 0 &&
-           (t->leaf_color == NULL || s->color == t->leaf_color[lo]) &&
-           s->parent_switch_value == t->switch_value[e->parent] &&
-           s->parent_radius == t->radius[e->parent] &&
-           same_cone(s->parent_cone, t->cone[e->parent]);
+           (t->leaf_color == NULL || s->color == t->leaf_color[lo]);
 }
 
 static mn_code join_subtrees(loader *l, const mni_block *view, const task *from) {
@@ -253,18 +244,16 @@ static mn_code join_subtrees(loader *l, const mni_block *view, const task *from)
         mni_subtree s;
         mni_node record;
         mni_block_subtree(view, i, &s);
-        if (e->subtree != i || !subtree_agrees(l, &s, e))
-            return BAD(l, from->place.id, "subtree %u is not what its parent says", i);
         mni_block_node(view, s.node, &record);
+        if (e->subtree != i || !subtree_agrees(l, &s, &record.facts, e))
+            return BAD(l, from->place.id, "subtree %u is not what its parent says", i);
         l->lo[s.node] = s.leaf_lo;
         l->hi[s.node] = s.leaf_hi;
         if (e->parent == MN_NONE) {
             memcpy(t->leaf_position + 3 * (size_t)s.leaf_lo, s.position, sizeof s.position);
             if (t->leaf_color != NULL)
                 t->leaf_color[s.leaf_lo] = s.color;
-            l->root_order[e->side] = record.order;
-        } else {
-            *(e->side == 0 ? &t->left[e->parent] : &t->right[e->parent]) = record.order;
+            l->root_order[e->side] = record.facts.order;
         }
     }
     return MN_OK;
@@ -332,7 +321,8 @@ static mn_code push_roots(loader *l) {
         !grow((void **)&l->task, h->roots, &l->tasks_capacity, sizeof *l->task))
         return no_memory(l);
     for (uint32_t r = 0; r < h->roots; r++)
-        l->exit[l->exits++] = (exit_record){MN_NONE, r, h->root[r].block.id, h->root[r].subtree};
+        l->exit[l->exits++] =
+            (exit_record){MN_NONE, r, h->root[r].block.id, h->root[r].subtree, {0}};
     qsort(l->exit, l->exits, sizeof *l->exit, by_ref);
     for (uint32_t at = 0; at < l->exits;) {
         uint32_t begin = at;

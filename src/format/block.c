@@ -59,32 +59,45 @@ static uint32_t get_color(const mni_block *view, uint32_t column, uint32_t row) 
     return color;
 }
 
-static mni_child get_child(const mni_block *view, mni_child_kind kind, uint32_t inner,
-                           uint32_t exit) {
-    mni_child child = {kind, MN_NONE, MN_NONE, MN_NONE};
-    if (kind == MNI_CHILD_INNER) {
-        child.node = inner;
-    } else if (kind == MNI_CHILD_SUBTREE) {
-        child.ref = get(view, COL_EXIT_REF, exit);
-        child.subtree = get(view, COL_EXIT_SUBTREE, exit);
+static void get_facts(const mni_block *view, uint32_t row, mni_facts *out) {
+    out->order = get(view, COL_ORDER, row);
+    out->switch_value = mni_float_of(get(view, COL_SWITCH, row));
+    out->radius = mni_float_of(get(view, COL_RADIUS, row));
+    out->cone = get_cone(view, COL_CONE, row);
+}
+
+void mni_block_exit(const mni_block *view, uint32_t exit, mni_child *out) {
+    MN_ASSERT(exit < view->exits);
+    out->kind = MNI_CHILD_SUBTREE;
+    out->node = MN_NONE;
+    out->exit = exit;
+    out->ref = get(view, COL_EXIT_REF, exit);
+    out->subtree = get(view, COL_EXIT_SUBTREE, exit);
+    get_facts(view, view->nodes + exit, &out->facts);
+}
+
+static void get_child(const mni_block *view, mni_child_kind kind, uint32_t inner, uint32_t exit,
+                      mni_child *out) {
+    if (kind == MNI_CHILD_SUBTREE) {
+        mni_block_exit(view, exit, out);
+        return;
     }
-    return child;
+    *out = (mni_child){.kind = kind, .node = inner, .exit = MN_NONE, .ref = MN_NONE};
+    if (kind == MNI_CHILD_INNER)
+        get_facts(view, inner, &out->facts);
 }
 
 void mni_block_node(const mni_block *view, uint32_t node, mni_node *out) {
     MN_ASSERT(node < view->nodes);
-    out->order = get(view, COL_ORDER, node);
+    get_facts(view, node, &out->facts);
     out->leaf_mid = get(view, COL_MID, node);
-    out->switch_value = mni_float_of(get(view, COL_SWITCH, node));
-    out->radius = mni_float_of(get(view, COL_RADIUS, node));
-    out->cone = get_cone(view, COL_CONE, node);
     get_position(view, COL_POSITION, node, out->right_position);
     out->right_color = get_color(view, COL_COLOR, node);
     uint32_t kinds = get(view, COL_KINDS, node), exit = get(view, COL_EXIT, node);
     mni_child_kind left = kinds / 3, right = kinds % 3;
-    out->left = get_child(view, left, node + 1, exit);
-    out->right = get_child(view, right, node + get(view, COL_RIGHT, node),
-                           exit + (left == MNI_CHILD_SUBTREE));
+    get_child(view, left, node + 1, exit, &out->left);
+    get_child(view, right, node + get(view, COL_RIGHT, node), exit + (left == MNI_CHILD_SUBTREE),
+              &out->right);
     out->simplex_first = get(view, COL_SIMPLEX_FIRST, node);
     out->simplex_count = get(view, COL_SIMPLEX_FIRST, node + 1) - out->simplex_first;
     out->overflow_ref = get(view, COL_OVERFLOW, node) - 1;
@@ -97,10 +110,12 @@ void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out
     out->leaf_hi = get(view, COL_SUB_HI, subtree);
     get_position(view, COL_SUB_POSITION, subtree, out->position);
     out->color = get_color(view, COL_SUB_COLOR, subtree);
-    out->parent_order = get(view, COL_SUB_ORDER, subtree);
-    out->parent_switch_value = mni_float_of(get(view, COL_SUB_SWITCH, subtree));
-    out->parent_radius = mni_float_of(get(view, COL_SUB_RADIUS, subtree));
-    out->parent_cone = get_cone(view, COL_SUB_CONE, subtree);
+}
+
+bool mni_facts_equal(const mni_facts *a, const mni_facts *b) {
+    return a->order == b->order && a->switch_value == b->switch_value && a->radius == b->radius &&
+           a->cone.axis[0] == b->cone.axis[0] && a->cone.axis[1] == b->cone.axis[1] &&
+           a->cone.angle == b->cone.angle;
 }
 
 /* Three columns from `column` on. */

@@ -11,6 +11,13 @@
  * preorder, left before right (so children come after parents, and an inner left child is the next
  * node). A leaf has no record of its own: what there is of it (right_position, right_color) stands
  * with its parent.
+ *
+ * What decides about a node (mni_facts) stands in its parent's block, so an active node needs no
+ * block but that one; its own record, which names its children, is needed when it splits:
+ *
+ *      block:  p ── record: left, right ── facts of a (INNER) and b (SUBTREE: an exit)
+ *                                                        │
+ *      child block:                                      b ── record: left, right …
  */
 #ifndef MNI_BLOCK_H
 #define MNI_BLOCK_H
@@ -19,6 +26,13 @@
 #include <stdint.h>
 
 #include "metanode/format.h"
+
+/* What decides about a node: all that its parent's block says of it. */
+typedef struct mni_facts {
+    uint32_t order; /* order id */
+    float switch_value, radius;
+    mn_cone cone;
+} mni_facts;
 
 /* Where a child is. */
 typedef enum mni_child_kind {
@@ -29,17 +43,17 @@ typedef enum mni_child_kind {
 typedef struct mni_child {
     mni_child_kind kind;
     uint32_t node;    /* INNER */
+    uint32_t exit;    /* SUBTREE: its number among the block's exits; the encoder gives its own */
     uint32_t ref;     /* SUBTREE: index in the frame's reference table */
     uint32_t subtree; /* SUBTREE */
+    mni_facts facts;  /* INNER, SUBTREE */
 } mni_child;
 
 /* An inner node. Its leaf_lo, leaf_hi and position are its parent's business (a left child has the
  * parent's leaf_lo and position, a right child begins at the parent's leaf_mid). */
 typedef struct mni_node {
-    uint32_t order; /* order id */
+    mni_facts facts;
     uint32_t leaf_mid;
-    float switch_value, radius;
-    mn_cone cone;
     float right_position[3]; /* of the right child, that is of leaf leaf_mid */
     uint32_t right_color;    /* RGBA8; 0xffffffff in a model without colours */
     mni_child left, right;
@@ -51,20 +65,18 @@ typedef struct mni_node {
  * is the first, reference 0 of an overflow block's frame the next, until one has no references.
  * simplex_count counts those in the block itself. */
 
-/* The root of a subtree, with what it needs of its parent to decide about a collapse. */
+/* The root of a subtree, with what it has of its parent. */
 typedef struct mni_subtree {
     uint32_t node; /* its inner node */
     uint32_t leaf_lo, leaf_hi;
     float position[3];
     uint32_t color;
-    uint32_t parent_order; /* MN_NONE for a root of the forest */
-    float parent_switch_value, parent_radius;
-    mn_cone parent_cone;
 } mni_subtree;
 
 enum {
-    MNI_BLOCK_COLUMNS = 40,      /* the decoder's table */
+    MNI_BLOCK_COLUMNS = 34,      /* the decoder's table */
     MNI_BLOCK_NODES_MAX = 65535, /* inner nodes in a block */
+    MNI_BLOCK_EXITS_MAX = 65536, /* children that are SUBTREEs */
     MNI_BLOCK_DEPTH_MAX = 256,   /* levels of a subtree in a block: bounds the checker's stack */
     MNI_BLOCK_TAIL_BYTES = 8, /* zeroes after the last column: the decoder reads 8 bytes at once */
 };
@@ -100,6 +112,8 @@ void mni_block_reopen(mni_block *view, const void *bytes);
 
 void mni_block_node(const mni_block *view, uint32_t node, mni_node *out);
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out);
+/* An exit alone: a child of kind SUBTREE. */
+void mni_block_exit(const mni_block *view, uint32_t exit, mni_child *out);
 /* Three leaf ids in the input's cyclic order; the third is MN_NONE for a hinge. */
 void mni_block_simplex(const mni_block *view, uint32_t simplex, uint32_t corner[3]);
 
@@ -125,7 +139,7 @@ typedef struct mni_tally {
     uint32_t min[MNI_BLOCK_COLUMNS], max[MNI_BLOCK_COLUMNS];
 } mni_tally;
 void mni_tally_init(mni_tally *tally, bool has_colors);
-/* Of the children only the kinds matter (exits are counted), of the simplices nothing. */
+/* Of the children the kinds matter and the facts of SUBTREEs, of the simplices nothing. */
 void mni_tally_node(mni_tally *tally, const mni_node *node);
 void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree);
 void mni_tally_simplex(mni_tally *tally, const uint32_t corner[3]);
@@ -157,6 +171,7 @@ uint32_t mni_overflow_encode(void *bytes, uint32_t length_bytes, uint32_t refs,
 /* ---- shared with the rest of the format -------------------------------------------------------
  */
 
+bool mni_facts_equal(const mni_facts *a, const mni_facts *b);
 /* Does the outer decoded cone hold the inner one, up to slack? */
 bool mni_cone_encloses(mn_cone outer, mn_cone inner, double slack_rad);
 /* May a node with this sphere have a child with that one? Allows for float rounding. */

@@ -15,8 +15,7 @@
 /* A node that must come, and what is known of it from above. */
 typedef struct expected {
     uint32_t node, lo, hi, depth;
-    uint32_t parent_order;
-    float parent_switch_value, parent_radius;
+    mni_facts parent;
     float parent_position[3], position[3];
 } expected;
 
@@ -74,6 +73,15 @@ static bool simplex_ok(const uint32_t corner[3], uint32_t lo, uint32_t mid, uint
     return in_left == 1 && in_right == 1 && outside == 1;
 }
 
+/* Do a node's facts nest in its parent's? */
+static bool facts_ok(const checker *c, const mni_facts *facts, const float position[3],
+                     const mni_facts *parent, const float parent_position[3]) {
+    return facts->order >= c->limits->leaves && facts->order < c->limits->nodes &&
+           facts->order < parent->order && bound_ok(facts->switch_value) &&
+           facts->switch_value <= parent->switch_value && bound_ok(facts->radius) &&
+           mni_sphere_encloses(parent_position, parent->radius, position, facts->radius);
+}
+
 static bool check_child(checker *c, const expected *from, const mni_node *node,
                         const mni_child *child, bool is_left) {
     uint32_t lo = is_left ? from->lo : node->leaf_mid;
@@ -81,19 +89,22 @@ static bool check_child(checker *c, const expected *from, const mni_node *node,
     if ((child->kind == MNI_CHILD_LEAF) != (hi - lo == 1))
         return FAIL(c, "node %u: a child of %u leaves is said to be %s", from->node, hi - lo,
                     hi - lo == 1 ? "inner" : "a leaf");
+    const float *position = is_left ? from->position : node->right_position;
     if (child->kind == MNI_CHILD_SUBTREE) {
         c->next_exit++;
         if (child->ref >= c->refs)
             return FAIL(c, "node %u: child in reference %u of %u", from->node, child->ref, c->refs);
+        if (!facts_ok(c, &child->facts, position, &node->facts, from->position))
+            return FAIL(c, "node %u: what it says of its child %u does not nest", from->node,
+                        child->facts.order);
     }
     if (child->kind == MNI_CHILD_INNER) {
         if (from->depth + 1 >= MNI_BLOCK_DEPTH_MAX)
             return FAIL(c, "node %u: deeper than %d levels", from->node, MNI_BLOCK_DEPTH_MAX);
         expected *to = &c->stack[c->waiting++];
-        *to = (expected){child->node,  lo,  hi, from->depth + 1, node->order, node->switch_value,
-                         node->radius, {0}, {0}};
+        *to = (expected){child->node, lo, hi, from->depth + 1, node->facts, {0}, {0}};
         memcpy(to->parent_position, from->position, sizeof to->parent_position);
-        memcpy(to->position, is_left ? from->position : node->right_position, sizeof to->position);
+        memcpy(to->position, position, sizeof to->position);
     }
     return true;
 }
@@ -124,21 +135,23 @@ static bool check_node(checker *c, const expected *from) {
     uint32_t exits = (kinds / 3 == MNI_CHILD_SUBTREE) + (kinds % 3 == MNI_CHILD_SUBTREE);
     if (exits > view->exits - c->next_exit)
         return FAIL(c, "node %u: more exits than the head says", from->node);
+    uint32_t below = view->nodes - from->node; /* a child's facts are read with the node */
+    if ((kinds / 3 == MNI_CHILD_INNER && below < 2) ||
+        (kinds % 3 == MNI_CHILD_INNER &&
+         mni_column_get(&view->column[COL_RIGHT], from->node) >= below))
+        return FAIL(c, "node %u: a child beyond the last node", from->node);
     mni_node node;
     mni_block_node(view, from->node, &node);
-    if (node.order < c->limits->leaves || node.order >= c->limits->nodes ||
-        node.order >= from->parent_order)
-        return FAIL(c, "node %u: order id %u", from->node, node.order);
+    if (!facts_ok(c, &node.facts, from->position, &from->parent, from->parent_position))
+        return FAIL(c, "node %u: order id %u, switch value %g or radius %g does not nest",
+                    from->node, node.facts.order, node.facts.switch_value, node.facts.radius);
     if (node.leaf_mid <= from->lo || node.leaf_mid >= from->hi)
         return FAIL(c, "node %u: leaf_mid %u outside (%u, %u)", from->node, node.leaf_mid, from->lo,
                     from->hi);
-    if (!bound_ok(node.switch_value) || node.switch_value > from->parent_switch_value)
-        return FAIL(c, "node %u: switch value %g", from->node, node.switch_value);
-    if (!bound_ok(node.radius) || !finite3(node.right_position) ||
-        !mni_sphere_encloses(from->parent_position, from->parent_radius, from->position,
-                             node.radius) ||
-        !mni_sphere_encloses(from->position, node.radius, node.right_position, 0))
-        return FAIL(c, "node %u: its sphere (radius %g) does not nest", from->node, node.radius);
+    if (!finite3(node.right_position) ||
+        !mni_sphere_encloses(from->position, node.facts.radius, node.right_position, 0))
+        return FAIL(c, "node %u: its sphere (radius %g) does not hold leaf %u", from->node,
+                    node.facts.radius, node.leaf_mid);
     if (node.overflow_ref != MN_NONE && node.overflow_ref >= c->refs)
         return FAIL(c, "node %u: overflow in reference %u of %u", from->node, node.overflow_ref,
                     c->refs);
@@ -153,33 +166,21 @@ static bool check_subtree(checker *c, uint32_t index) {
     mni_block_subtree(c->view, index, &s);
     if (s.leaf_lo >= s.leaf_hi || s.leaf_hi > c->limits->leaves || s.leaf_hi - s.leaf_lo < 2)
         return FAIL(c, "subtree %u: leaves [%u, %u)", index, s.leaf_lo, s.leaf_hi);
-    bool is_root = s.parent_order == MN_NONE;
-    if (!is_root && s.parent_order >= c->limits->nodes)
-        return FAIL(c, "subtree %u: parent's order id %u", index, s.parent_order);
-    if (!finite3(s.position) || !bound_ok(s.parent_switch_value) || !bound_ok(s.parent_radius))
-        return FAIL(c, "subtree %u: position or bounds are not finite", index);
-    expected top = {s.node,
-                    s.leaf_lo,
-                    s.leaf_hi,
-                    0,
-                    s.parent_order,
-                    is_root ? INFINITY : s.parent_switch_value,
-                    INFINITY, /* the parent's position is in another block */
-                    {0},
-                    {0}};
+    if (!finite3(s.position))
+        return FAIL(c, "subtree %u: its position is not finite", index);
+    expected top = {.node = s.node,
+                    .lo = s.leaf_lo,
+                    .hi = s.leaf_hi,
+                    /* whether it nests is said by the parent's block, which repeats its facts */
+                    .parent = {MN_NONE, INFINITY, INFINITY, {{0}, 0}}};
     memcpy(top.position, s.position, sizeof top.position);
+    memcpy(top.parent_position, s.position, sizeof top.parent_position);
     c->waiting = 0;
     c->stack[c->waiting++] = top;
     while (c->waiting > 0) {
         expected from = c->stack[--c->waiting];
         if (!check_node(c, &from))
             return false;
-        if (from.depth == 0 && !is_root) {
-            mni_node node;
-            mni_block_node(c->view, from.node, &node);
-            if (node.radius > s.parent_radius)
-                return FAIL(c, "subtree %u: its sphere is larger than its parent's", index);
-        }
     }
     return true;
 }
@@ -199,6 +200,7 @@ static bool check_columns(mni_block *view, const uint8_t *payload, uint64_t room
     uint64_t end = mni_block_layout(view, payload);
     if (view->nodes == 0 || view->nodes > MNI_BLOCK_NODES_MAX || view->subtrees == 0 ||
         view->subtrees > view->nodes || view->exits > view->nodes + view->subtrees ||
+        view->exits > MNI_BLOCK_EXITS_MAX ||
         view->simplices > 8 * room) /* distinct ones take a bit each: bounds the work */
         return fail(why, why_bytes, "%u nodes, %u subtrees, %u exits, %u simplices", view->nodes,
                     view->subtrees, view->exits, view->simplices);

@@ -40,17 +40,24 @@ static void color_words(bool has_colors, uint32_t color, uint32_t word[4]) {
 }
 
 enum { KINDS_MAX = 3 * MNI_CHILD_SUBTREE + MNI_CHILD_SUBTREE };
-enum { NODE_WORDS = COL_KINDS + 1, SUBTREE_WORDS = COL_CORNER - COL_SUB_LO };
+enum {
+    FACT_WORDS = COL_MID,
+    NODE_WORDS = COL_KINDS + 1 - COL_MID,
+    SUBTREE_WORDS = COL_CORNER - COL_SUB_LO
+};
+
+static void fact_words(const mni_facts *facts, uint32_t word[FACT_WORDS]) {
+    word[COL_ORDER] = facts->order;
+    word[COL_SWITCH] = mni_float_bits(facts->switch_value);
+    word[COL_RADIUS] = mni_float_bits(facts->radius);
+    cone_words(facts->cone, word + COL_CONE);
+}
 
 static void node_words(const mni_node *node, bool has_colors, uint32_t word[NODE_WORDS]) {
-    word[COL_ORDER] = node->order;
-    word[COL_MID] = node->leaf_mid;
-    word[COL_SWITCH] = mni_float_bits(node->switch_value);
-    word[COL_RADIUS] = mni_float_bits(node->radius);
-    cone_words(node->cone, word + COL_CONE);
-    position_words(node->right_position, word + COL_POSITION);
-    color_words(has_colors, node->right_color, word + COL_COLOR);
-    word[COL_KINDS] = (uint32_t)node->left.kind * 3 + (uint32_t)node->right.kind;
+    word[0] = node->leaf_mid;
+    position_words(node->right_position, word + (COL_POSITION - COL_MID));
+    color_words(has_colors, node->right_color, word + (COL_COLOR - COL_MID));
+    word[COL_KINDS - COL_MID] = (uint32_t)node->left.kind * 3 + (uint32_t)node->right.kind;
 }
 
 static void subtree_words(const mni_subtree *s, bool has_colors, uint32_t word[SUBTREE_WORDS]) {
@@ -58,10 +65,6 @@ static void subtree_words(const mni_subtree *s, bool has_colors, uint32_t word[S
     word[COL_SUB_HI - COL_SUB_LO] = s->leaf_hi;
     position_words(s->position, word + (COL_SUB_POSITION - COL_SUB_LO));
     color_words(has_colors, s->color, word + (COL_SUB_COLOR - COL_SUB_LO));
-    word[COL_SUB_ORDER - COL_SUB_LO] = s->parent_order;
-    word[COL_SUB_SWITCH - COL_SUB_LO] = mni_float_bits(s->parent_switch_value);
-    word[COL_SUB_RADIUS - COL_SUB_LO] = mni_float_bits(s->parent_radius);
-    cone_words(s->parent_cone, word + (COL_SUB_CONE - COL_SUB_LO));
 }
 
 static void corner_words(const uint32_t corner[3], uint32_t word[3]) {
@@ -81,13 +84,27 @@ static void widen(mni_tally *tally, uint32_t column, const uint32_t *word, uint3
     }
 }
 
+static void tally_facts(mni_tally *tally, const mni_facts *facts) {
+    uint32_t word[FACT_WORDS];
+    fact_words(facts, word);
+    widen(tally, 0, word, FACT_WORDS);
+}
+
+static void tally_exit(mni_tally *tally, const mni_child *child) {
+    if (child->kind == MNI_CHILD_SUBTREE) {
+        tally->exits++;
+        tally_facts(tally, &child->facts);
+    }
+}
+
 void mni_tally_node(mni_tally *tally, const mni_node *node) {
     uint32_t word[NODE_WORDS];
     node_words(node, tally->has_colors, word);
-    widen(tally, 0, word, NODE_WORDS);
+    widen(tally, COL_MID, word, NODE_WORDS);
+    tally_facts(tally, &node->facts);
     tally->nodes++;
-    tally->exits +=
-        (node->left.kind == MNI_CHILD_SUBTREE) + (node->right.kind == MNI_CHILD_SUBTREE);
+    tally_exit(tally, &node->left);
+    tally_exit(tally, &node->right);
     tally->has_overflow |= node->overflow_ref != MN_NONE;
 }
 
@@ -171,9 +188,16 @@ static void put(mni_encoder *encoder, uint32_t column, uint32_t row, const uint3
     }
 }
 
+static void put_facts(mni_encoder *encoder, uint32_t row, const mni_facts *facts) {
+    uint32_t word[FACT_WORDS];
+    fact_words(facts, word);
+    put(encoder, 0, row, word, FACT_WORDS);
+}
+
 static void put_exit(mni_encoder *encoder, const mni_child *child) {
     if (child->kind != MNI_CHILD_SUBTREE)
         return;
+    put_facts(encoder, encoder->tally.nodes + encoder->exits, &child->facts);
     put(encoder, COL_EXIT_REF, encoder->exits, &child->ref, 1);
     put(encoder, COL_EXIT_SUBTREE, encoder->exits, &child->subtree, 1);
     encoder->exits++;
@@ -184,7 +208,8 @@ void mni_encoder_node(mni_encoder *encoder, const mni_node *node) {
     MN_ASSERT(row < encoder->tally.nodes);
     MN_ASSERT(node->left.kind != MNI_CHILD_INNER || node->left.node == row + 1);
     node_words(node, encoder->tally.has_colors, word);
-    put(encoder, 0, row, word, NODE_WORDS);
+    put_facts(encoder, row, &node->facts);
+    put(encoder, COL_MID, row, word, NODE_WORDS);
     uint32_t right = node->right.kind == MNI_CHILD_INNER ? node->right.node - row : 0;
     uint32_t overflow = node->overflow_ref + 1; /* MN_NONE + 1 is 0 */
     put(encoder, COL_RIGHT, row, &right, 1);

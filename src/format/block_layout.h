@@ -4,9 +4,9 @@
  *   head   0  nodes, subtrees, exits, simplices   4 × u32
  *         16  flags                               u32   bit 0: colours
  *         20  zero                                u32
- *         24  base of each column                 40 × u32
- *        184  width of each column                40 × u8, bits
- *        224  columns, one after the other, each from a whole byte on; value i in bits
+ *         24  base of each column                 34 × u32
+ *        160  width of each column                34 × u8, bits
+ *        196  columns, one after the other, each from a whole byte on; value i in bits
  *             [i × width, (i + 1) × width), least significant first, base added modulo 2^32
  */
 #ifndef MNI_BLOCK_LAYOUT_H
@@ -18,16 +18,16 @@
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "files are little-endian, and so are we");
 
-enum { MNI_HEAD_BYTES = 224, MNI_HEAD_BASE = 24, MNI_HEAD_WIDTH = 184, MNI_FLAG_COLORS = 1 };
+enum { MNI_HEAD_BYTES = 196, MNI_HEAD_BASE = 24, MNI_HEAD_WIDTH = 160, MNI_FLAG_COLORS = 1 };
 enum { MNI_OVERFLOW_HEAD_BYTES = 40 };
 
 enum mni_column_id {
-    /* a row a node */
+    /* facts: a row a node, then a row an exit */
     COL_ORDER = 0,
-    COL_MID,
     COL_SWITCH, /* floats that are not negative: their bits */
     COL_RADIUS,
     COL_CONE,          /* 3: axis + 32768, twice; angle */
+    COL_MID = 6,       /* a row a node */
     COL_POSITION = 7,  /* 3: floats in an order-preserving code */
     COL_COLOR = 10,    /* 4: R, G, B, A */
     COL_KINDS = 14,    /* left kind × 3 + right kind */
@@ -42,19 +42,17 @@ enum mni_column_id {
     COL_SUB_HI,
     COL_SUB_POSITION,   /* 3 */
     COL_SUB_COLOR = 27, /* 4 */
-    COL_SUB_ORDER = 31, /* of the parent, as the next five */
-    COL_SUB_SWITCH,
-    COL_SUB_RADIUS,
-    COL_SUB_CONE,    /* 3 */
-    COL_CORNER = 37, /* a row a simplex: first corner; second - first and third - first, each
-                        + 2^31; a hinge's third equals its first */
-    COL_END = 40
+    COL_CORNER = 31,    /* a row a simplex: first corner; second - first and third - first, each
+                           + 2^31; a hinge's third equals its first */
+    COL_END = 34
 };
 _Static_assert((int)COL_END == (int)MNI_BLOCK_COLUMNS, "the decoder's table holds every column");
 
 #define MNI_BIAS 0x80000000u
 
 static inline uint32_t mni_column_rows(const mni_block *v, uint32_t column) {
+    if (column < COL_MID)
+        return v->nodes + v->exits;
     if (column < COL_SIMPLEX_FIRST)
         return v->nodes;
     if (column == COL_SIMPLEX_FIRST)

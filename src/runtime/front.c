@@ -15,16 +15,6 @@
 #include "assert.h"
 #include "frame.h"
 
-/* A child of a split, before it has a slot. */
-typedef struct child {
-    uint32_t order, leaf_lo, leaf_hi;
-    mni_entry entry;
-    uint16_t index;
-    float position[3], radius, switch_value;
-    uint32_t color;
-    mn_cone cone;
-} child;
-
 /* ---- memory ---------------------------------------------------------------------------------- */
 
 static size_t take(mni_arena *arena, void *field, size_t count, size_t size) {
@@ -167,82 +157,43 @@ static bool holds_subtree(mni_front *f, mni_entry entry, uint32_t subtree) {
     return frame.kind == MNI_FRAME_METANODE && subtree < view_of(f, entry, NULL)->subtrees;
 }
 
-static void fill_inner(child *c, const mni_node *record, uint32_t index) {
-    c->order = record->order;
-    c->index = (uint16_t)index;
-    c->switch_value = record->switch_value;
-    c->radius = record->radius;
-    c->cone = record->cone;
-}
-
-/* A block of another file's, or lying, content: what it says of its parent must be what we know. */
-static bool same_parent(const mni_front *f, uint32_t slot, const child *c, const mni_subtree *s) {
+/* A block of another file's, or lying, content: what it says of the node must be what its parent's
+ * block said. */
+static bool same_node(const mni_front *f, uint32_t slot, const mni_subtree *s,
+                      const mni_node *record) {
     const mni_front_node *p = &f->node[slot];
-    return s->parent_order == p->order && s->leaf_lo == c->leaf_lo && s->leaf_hi == c->leaf_hi &&
-           memcmp(s->position, c->position, sizeof c->position) == 0 &&
-           s->parent_switch_value == f->switch_value[slot] && s->parent_radius == p->radius &&
-           memcmp(&s->parent_cone, &p->cone, sizeof p->cone) == 0;
+    const mni_facts facts = {p->order, f->switch_value[slot], p->radius, p->cone};
+    return mni_facts_equal(&facts, &record->facts) && s->leaf_lo == p->leaf_lo &&
+           s->leaf_hi == p->leaf_hi &&
+           memcmp(s->position, &f->position[3 * (size_t)slot], sizeof s->position) == 0;
 }
 
-/* Finds a child's record and takes its block into use (c->entry). c holds interval and position. */
-static mni_outcome child_take(mni_front *f, uint32_t slot, const mni_child *where, child *c) {
-    mni_entry home = f->node[slot].entry;
-    mni_node record;
-    if (where->kind != MNI_CHILD_SUBTREE) {
-        if ((where->kind == MNI_CHILD_LEAF) != (c->leaf_hi - c->leaf_lo == 1))
-            return MNI_BAD;
-        c->order = c->leaf_lo;
-        c->index = MNI_FRONT_LEAF;
-        c->entry = home;
-        if (where->kind == MNI_CHILD_INNER) {
-            mni_block_node(view_of(f, home, NULL), where->node, &record);
-            fill_inner(c, &record, where->node);
-        }
-        mni_store_add(f->store, home);
+/* Takes the block of a node's record into use once, for the first of its children. */
+static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mni_node *record) {
+    const mni_front_node *p = &f->node[slot];
+    const void *bytes;
+    const mni_block *block = view_of(f, p->entry, &bytes);
+    if ((p->flags & MNI_NODE_STUB) == 0) {
+        mni_block_node(block, p->index, record);
+        *entry = p->entry;
+        mni_store_add(f->store, *entry);
         return MNI_DONE;
     }
-    bool fresh = false;
-    const void *bytes = mni_store_bytes(f->store, home, &fresh);
-    MN_ASSERT(!fresh); /* our caller has just looked at it, and it is pinned */
-    mn_block_ref ref = mni_frame_ref(bytes, where->ref);
-    mni_answer answer = mni_store_down(f->store, home, ref, &c->entry);
+    mni_child where;
+    mni_block_exit(block, p->index, &where);
+    mni_answer answer = mni_store_down(f->store, p->entry, mni_frame_ref(bytes, where.ref), entry);
     if (answer != MNI_GRANTED)
         return answer == MNI_ABSENT ? MNI_MISS : MNI_REFUSED_POOL;
-    if (holds_subtree(f, c->entry, where->subtree)) {
-        const mni_block *block = view_of(f, c->entry, NULL);
+    if (holds_subtree(f, *entry, where.subtree)) {
         mni_subtree subtree;
-        mni_block_subtree(block, where->subtree, &subtree);
-        mni_block_node(block, subtree.node, &record);
-        fill_inner(c, &record, subtree.node);
-        if (same_parent(f, slot, c, &subtree) && record.order < f->node[slot].order)
+        block = view_of(f, *entry, NULL);
+        mni_block_subtree(block, where.subtree, &subtree);
+        mni_block_node(block, subtree.node, record);
+        if (same_node(f, slot, &subtree, record))
             return MNI_DONE;
     }
-    mni_store_sub(f->store, c->entry);
+    mni_store_sub(f->store, *entry);
     return MNI_BAD;
-}
-
-/* Both children, or none and why. Both blocks are asked for before it gives up. */
-static mni_outcome children_take(mni_front *f, uint32_t slot, const mni_node *record,
-                                 child out[2]) {
-    const mni_front_node *p = &f->node[slot];
-    const float *position = &f->position[3 * (size_t)slot];
-    out[0] = (child){.leaf_lo = p->leaf_lo, .leaf_hi = record->leaf_mid};
-    out[1] = (child){.leaf_lo = record->leaf_mid, .leaf_hi = p->leaf_hi};
-    memcpy(out[0].position, position, sizeof out[0].position);
-    memcpy(out[1].position, record->right_position, sizeof out[1].position);
-    out[0].color = f->color != NULL ? f->color[slot] : UINT32_MAX;
-    out[1].color = record->right_color;
-    mni_outcome left = child_take(f, slot, &record->left, &out[0]);
-    if (left != MNI_DONE && left != MNI_MISS)
-        return left;
-    mni_outcome right = child_take(f, slot, &record->right, &out[1]);
-    if (left == MNI_DONE && right == MNI_DONE)
-        return MNI_DONE;
-    if (left == MNI_DONE)
-        mni_store_sub(f->store, out[0].entry);
-    if (right == MNI_DONE)
-        mni_store_sub(f->store, out[1].entry);
-    return right == MNI_DONE || right == MNI_MISS ? (left != MNI_DONE ? left : right) : right;
 }
 
 /* ---- the simplices that a split brings --------------------------------------------------------
@@ -328,17 +279,17 @@ static void chain_drop(mni_front *f, uint32_t chain) {
 }
 
 /* The simplices of a node's overflow blocks, onto the chain. */
-static mni_outcome overflow_prepare(mni_front *f, uint32_t slot, const mni_node *record,
-                                    uint32_t *chain) {
+static mni_outcome overflow_prepare(mni_front *f, uint32_t slot, mni_entry entry,
+                                    const mni_node *record, uint32_t *chain) {
     bool fresh = false;
     const mni_front_node *p = &f->node[slot];
-    const void *bytes = mni_store_bytes(f->store, p->entry, &fresh);
+    const void *bytes = mni_store_bytes(f->store, entry, &fresh);
     uint32_t at = record->overflow_ref;
     for (uint32_t hop = 0; at != MN_NONE; hop++) {
         mn_block_ref ref = mni_frame_ref(bytes, at);
         if (hop == f->header->overflow_max)
             return MNI_BAD;
-        mni_answer answer = mni_store_overflow(f->store, p->entry, ref, &bytes);
+        mni_answer answer = mni_store_overflow(f->store, entry, ref, &bytes);
         if (answer != MNI_GRANTED)
             return answer == MNI_ABSENT ? MNI_MISS : MNI_REFUSED_POOL;
         mni_frame frame;
@@ -362,39 +313,64 @@ static mni_outcome overflow_prepare(mni_front *f, uint32_t slot, const mni_node 
     return MNI_DONE;
 }
 
-static mni_outcome simplices_prepare(mni_front *f, uint32_t slot, const mni_node *record,
-                                     uint32_t *chain) {
+static mni_outcome simplices_prepare(mni_front *f, uint32_t slot, mni_entry entry,
+                                     const mni_node *record, uint32_t *chain) {
     *chain = MN_NONE;
     if (record->simplex_count > f->simplices_max - f->simplices_used)
         return MNI_REFUSED_FRONT;
-    const mni_block *block = view_of(f, f->node[slot].entry, NULL);
+    const mni_block *block = view_of(f, entry, NULL);
     for (uint32_t i = 0; i < record->simplex_count; i++) {
         uint32_t corner[3];
         mni_block_simplex(block, record->simplex_first + i, corner);
         if (!simplex_prepare(f, slot, record->leaf_mid, corner, chain))
             return MNI_BAD;
     }
-    return record->overflow_ref == MN_NONE ? MNI_DONE : overflow_prepare(f, slot, record, chain);
+    return record->overflow_ref == MN_NONE ? MNI_DONE
+                                           : overflow_prepare(f, slot, entry, record, chain);
 }
 
 /* ---- split ----------------------------------------------------------------------------------- */
 
-static void node_set(mni_front *f, uint32_t slot, const child *c) {
-    f->node[slot] = (mni_front_node){.order = c->order,
-                                     .leaf_lo = c->leaf_lo,
-                                     .leaf_hi = c->leaf_hi,
-                                     .radius = c->radius,
-                                     .entry = c->entry,
-                                     .pair = MN_NONE,
-                                     .first = MN_NONE,
-                                     .witness = MN_NONE,
-                                     .index = c->index,
-                                     .flags = MNI_NODE_ACTIVE,
-                                     .cone = c->cone};
-    memcpy(&f->position[3 * (size_t)slot], c->position, sizeof c->position);
-    f->switch_value[slot] = c->switch_value;
+/* A node into a slot, active: position, color and interval by the caller. */
+static void node_set(mni_front *f, uint32_t slot, mni_entry entry, const mni_child *from) {
+    mni_front_node *n = &f->node[slot];
+    n->entry = entry;
+    n->pair = n->first = n->witness = MN_NONE;
+    n->flags = MNI_NODE_ACTIVE;
+    if (from->kind == MNI_CHILD_LEAF) {
+        n->flags |= MNI_NODE_LEAF;
+        n->order = n->leaf_lo;
+        n->radius = f->switch_value[slot] = 0;
+        n->cone = (mn_cone){0};
+        return;
+    }
+    bool stub = from->kind == MNI_CHILD_SUBTREE;
+    n->flags |= stub ? MNI_NODE_STUB : 0;
+    n->index = (uint16_t)(stub ? from->exit : from->node);
+    n->order = from->facts.order;
+    n->radius = from->facts.radius;
+    n->cone = from->facts.cone;
+    f->switch_value[slot] = from->facts.switch_value;
+}
+
+static void place_set(mni_front *f, uint32_t slot, uint32_t lo, uint32_t hi,
+                      const float position[3], uint32_t color) {
+    f->node[slot].leaf_lo = lo;
+    f->node[slot].leaf_hi = hi;
+    memcpy(&f->position[3 * (size_t)slot], position, 3 * sizeof *position);
     if (f->color != NULL)
-        f->color[slot] = c->color;
+        f->color[slot] = color;
+}
+
+static void children_set(mni_front *f, uint32_t slot, uint32_t pair, mni_entry entry,
+                         const mni_node *record) {
+    const mni_front_node *p = &f->node[slot];
+    uint32_t left = 2 * pair, right = left + 1;
+    place_set(f, left, p->leaf_lo, record->leaf_mid, &f->position[3 * (size_t)slot],
+              f->color != NULL ? f->color[slot] : 0);
+    place_set(f, right, record->leaf_mid, p->leaf_hi, record->right_position, record->right_color);
+    node_set(f, left, entry, &record->left);
+    node_set(f, right, entry, &record->right);
 }
 
 /* Hands p's corners to its children by leaf id, and links the simplices that appear. */
@@ -423,22 +399,20 @@ static void corners_part(mni_front *f, uint32_t slot, uint32_t pair, uint32_t mi
 mni_outcome mni_front_split(mni_front *f, uint32_t slot) {
     mni_front_node *p = &f->node[slot];
     MN_ASSERT((p->flags & (MNI_NODE_ACTIVE | MNI_NODE_EXPANDED)) == MNI_NODE_ACTIVE);
-    MN_ASSERT(p->index != MNI_FRONT_LEAF);
+    MN_ASSERT(!mni_front_is_leaf(f, slot));
     if (p->flags & MNI_NODE_BAD)
         return MNI_BAD;
     if (f->pairs_used == f->pairs_max)
         return MNI_REFUSED_FRONT;
     mni_node record;
-    mni_block_node(view_of(f, p->entry, NULL), p->index, &record);
+    mni_entry entry;
     uint32_t chain = MN_NONE;
-    child children[2];
-    mni_outcome outcome = children_take(f, slot, &record, children);
+    mni_outcome outcome = record_take(f, slot, &entry, &record);
     if (outcome == MNI_DONE) {
-        outcome = simplices_prepare(f, slot, &record, &chain);
+        outcome = simplices_prepare(f, slot, entry, &record, &chain);
         if (outcome != MNI_DONE) {
             chain_drop(f, chain);
-            mni_store_sub(f->store, children[1].entry);
-            mni_store_sub(f->store, children[0].entry);
+            mni_store_sub(f->store, entry);
         }
     }
     if (outcome == MNI_BAD) {
@@ -447,12 +421,12 @@ mni_outcome mni_front_split(mni_front *f, uint32_t slot) {
     }
     if (outcome != MNI_DONE)
         return outcome;
+    mni_store_add(f->store, entry); /* for the second child */
     uint32_t pair = pair_new(f);
     f->pair[pair].parent = slot;
-    node_set(f, 2 * pair, &children[0]);
-    node_set(f, 2 * pair + 1, &children[1]);
+    children_set(f, slot, pair, entry, &record);
     p->pair = pair;
-    p->flags = MNI_NODE_EXPANDED;
+    p->flags = (uint16_t)((p->flags & MNI_NODE_KIND) | MNI_NODE_EXPANDED);
     corners_part(f, slot, pair, record.leaf_mid, chain);
     f->active++;
     return MNI_DONE;
@@ -499,7 +473,7 @@ static void join(mni_front *f, uint32_t pair) {
     mni_front_node *p = &f->node[slot];
     p->first = MN_NONE;
     corners_join(f, pair, slot);
-    p->flags = MNI_NODE_ACTIVE;
+    p->flags = (uint16_t)((p->flags & MNI_NODE_KIND) | MNI_NODE_ACTIVE);
     p->pair = MN_NONE;
     p->witness = MN_NONE;
     pair_free(f, pair);
@@ -508,10 +482,10 @@ static void join(mni_front *f, uint32_t pair) {
 
 void mni_front_unsplit(mni_front *f, uint32_t slot) {
     uint32_t pair = f->node[slot].pair;
-    mni_entry left = f->node[2 * pair].entry, right = f->node[2 * pair + 1].entry;
+    mni_entry entry = f->node[2 * pair].entry; /* both count there */
     join(f, pair);
-    mni_store_sub(f->store, right);
-    mni_store_sub(f->store, left);
+    mni_store_sub(f->store, entry);
+    mni_store_sub(f->store, entry);
 }
 
 mni_outcome mni_front_collapse(mni_front *f, uint32_t pair) {
@@ -601,16 +575,14 @@ static mn_code root_open(mni_front *f, uint32_t r, uint32_t leaf_lo, mn_status *
     mni_node record;
     mni_block_subtree(block, subtree_index, &subtree);
     mni_block_node(block, subtree.node, &record);
-    if (subtree.parent_order != MN_NONE || subtree.leaf_lo != leaf_lo)
+    if (subtree.leaf_lo != leaf_lo)
         return mn_fail(st, MN_BAD_INPUT, "root %u: not where the forest needs it; rebuild the file",
                        r);
-    child c = {.leaf_lo = subtree.leaf_lo, .leaf_hi = subtree.leaf_hi, .entry = entry};
-    memcpy(c.position, subtree.position, sizeof c.position);
-    c.color = subtree.color;
-    fill_inner(&c, &record, subtree.node);
     uint32_t pair = pair_new(f);
     MN_ASSERT(pair == r); /* mni_front_find counts on it */
-    node_set(f, 2 * pair, &c);
+    mni_child self = {.kind = MNI_CHILD_INNER, .node = subtree.node, .facts = record.facts};
+    place_set(f, 2 * pair, subtree.leaf_lo, subtree.leaf_hi, subtree.position, subtree.color);
+    node_set(f, 2 * pair, entry, &self);
     f->active++;
     return MN_OK;
 }

@@ -17,7 +17,6 @@
 
 enum {
     MNI_FRONT_VIEWS = 64,    /* opened blocks at hand; a power of two */
-    MNI_FRONT_LEAF = 0xffff, /* index of a leaf: no record of its own */
     MNI_FRONT_NEAR_MAX = 64, /* corners looked through for a third corner before descending */
 };
 
@@ -36,6 +35,9 @@ enum {
     MNI_NODE_EXPANDED = 2,
     MNI_NODE_BAD = 4,      /* its split found a bad block */
     MNI_NODE_GIVEN_UP = 8, /* Navigate's: its chain was refused by the pool */
+    MNI_NODE_LEAF = 16,    /* has no record of its own */
+    MNI_NODE_STUB = 32,    /* its record is in another block than its parent's */
+    MNI_NODE_KIND = MNI_NODE_LEAF | MNI_NODE_STUB, /* constant while it is in its slot */
 };
 
 /* What a slot holds besides its position and switch value, which stand apart for the renderer. */
@@ -43,11 +45,11 @@ typedef struct mni_front_node {
     uint32_t order; /* order id */
     uint32_t leaf_lo, leaf_hi;
     float radius;
-    uint32_t entry; /* of the block that holds its record; of the parent's for a leaf */
-    uint32_t pair;  /* EXPANDED: of its children */
-    uint32_t first; /* ACTIVE: first corner on its list, or MN_NONE */
+    uint32_t entry;                  /* of its parent's block, where it counts; a root's: its own */
+    uint32_t pair;                   /* EXPANDED: of its children */
+    uint32_t first;                  /* ACTIVE: first corner on its list, or MN_NONE */
     uint32_t witness, witness_order; /* the neighbour that blocked its split, as long as active */
-    uint16_t index;                  /* node in the block, or MNI_FRONT_LEAF */
+    uint16_t index;                  /* its record: node in that block, or, of a stub, exit */
     uint16_t flags;
     mn_cone cone;
 } mni_front_node;
@@ -105,7 +107,7 @@ static inline bool mni_front_is_active(const mni_front *front, uint32_t slot) {
     return (front->node[slot].flags & MNI_NODE_ACTIVE) != 0;
 }
 static inline bool mni_front_is_leaf(const mni_front *front, uint32_t slot) {
-    return front->node[slot].index == MNI_FRONT_LEAF;
+    return (front->node[slot].flags & MNI_NODE_LEAF) != 0;
 }
 static inline uint32_t mni_front_parent(const mni_front *front, uint32_t slot) {
     return front->pair[slot >> 1].parent;
@@ -129,8 +131,8 @@ uint32_t mni_front_split_blockers(mni_front *front, uint32_t slot, uint32_t *out
 /* A neighbour whose parent's order id is below that of the pair's parent, or MN_NONE. */
 uint32_t mni_front_collapse_blocker(mni_front *front, uint32_t pair);
 
-/* Splits an active inner node that nothing blocks. The node's own block stays in use until release,
- * so that unsplit, the exact inverse, cannot fail. */
+/* Splits an active inner node that nothing blocks. The block where the node counts stays in use
+ * until release, so that unsplit, the exact inverse, cannot fail. */
 mni_outcome mni_front_split(mni_front *front, uint32_t slot);
 void mni_front_release(mni_front *front, uint32_t slot);
 void mni_front_unsplit(mni_front *front, uint32_t slot);

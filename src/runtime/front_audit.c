@@ -200,56 +200,74 @@ void mni_front_check(const mni_front *f) {
 /* ---- the input beneath the front --------------------------------------------------------------
  */
 
+static void block_reopen(mni_front *f, mni_entry entry, mni_block *block) {
+    bool fresh;
+    const void *bytes = mni_store_bytes(f->store, entry, &fresh);
+    if (fresh) /* whoever asks is told once: forget the view */
+        f->view[entry % MNI_FRONT_VIEWS].entry = MNI_NO_ENTRY;
+    mni_block_reopen(block, bytes);
+}
+
+/* Takes the block of an exit into use. The exit's place and facts go into *at. */
+static bool exit_down(mni_front *f, mni_entry entry, const mni_block *block, mni_child *at,
+                      mni_entry *below) {
+    bool fresh;
+    mni_block_exit(block, at->exit, at);
+    mn_block_ref ref = mni_frame_ref(mni_store_bytes(f->store, entry, &fresh), at->ref);
+    return mni_store_down(f->store, entry, ref, below) == MNI_GRANTED;
+}
+
+/* The node of an exit in its own block. false: it is another, so a walk down would not end. */
+static bool subtree_node(const mni_block *block, mni_child *at) {
+    mni_subtree subtree;
+    mni_node record;
+    if (at->subtree >= block->subtrees)
+        return false;
+    mni_block_subtree(block, at->subtree, &subtree);
+    mni_block_node(block, subtree.node, &record);
+    at->node = subtree.node;
+    return record.facts.order == at->facts.order;
+}
+
 /* Down from an active node through the blocks. One block besides the node's own is in use at a
  * time, and given back. */
 bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
     uint32_t slot = mni_front_find(f, leaf);
-    mni_entry entry = f->node[slot].entry, own = entry;
-    uint32_t index = f->node[slot].index, lo = f->node[slot].leaf_lo;
+    const mni_front_node *n = &f->node[slot];
+    mni_entry entry = n->entry;
+    uint32_t lo = n->leaf_lo;
+    mni_child at = {.kind = n->flags & MNI_NODE_STUB ? MNI_CHILD_SUBTREE : MNI_CHILD_INNER,
+                    .node = n->index,
+                    .exit = n->index};
     bool there = true;
     memcpy(position, &f->position[3 * (size_t)slot], 3 * sizeof *position);
     while (lo != leaf && there) {
-        bool fresh;
-        const void *bytes = mni_store_bytes(f->store, entry, &fresh);
-        if (fresh)
-            f->view[entry % MNI_FRONT_VIEWS].entry = MNI_NO_ENTRY;
         mni_block block;
         mni_node record;
-        mni_block_reopen(&block, bytes);
-        mni_block_node(&block, index, &record);
+        block_reopen(f, entry, &block);
+        if (at.kind == MNI_CHILD_SUBTREE) {
+            mni_entry below;
+            there = exit_down(f, entry, &block, &at, &below);
+            if (!there)
+                break;
+            if (entry != n->entry)
+                mni_store_sub(f->store, entry);
+            entry = below;
+            block_reopen(f, entry, &block);
+            there = subtree_node(&block, &at);
+            if (!there)
+                break;
+        }
+        mni_block_node(&block, at.node, &record);
         bool right = leaf >= record.leaf_mid;
-        const mni_child *where = right ? &record.right : &record.left;
+        at = right ? record.right : record.left;
         if (right) {
             lo = record.leaf_mid;
             memcpy(position, record.right_position, 3 * sizeof *position);
         }
-        if (where->kind == MNI_CHILD_LEAF)
-            there = lo == leaf;
-        if (where->kind == MNI_CHILD_INNER)
-            index = where->node;
-        if (where->kind != MNI_CHILD_SUBTREE || lo == leaf)
-            continue;
-        mni_entry below;
-        there = mni_store_down(f->store, entry, mni_frame_ref(bytes, where->ref), &below) ==
-                MNI_GRANTED;
-        if (!there)
-            continue;
-        if (entry != own)
-            mni_store_sub(f->store, entry);
-        entry = below;
-        bytes = mni_store_bytes(f->store, entry, &fresh);
-        if (fresh)
-            f->view[entry % MNI_FRONT_VIEWS].entry = MNI_NO_ENTRY;
-        mni_subtree subtree;
-        mni_block_reopen(&block, bytes);
-        there = where->subtree < block.subtrees;
-        if (!there)
-            continue;
-        mni_block_subtree(&block, where->subtree, &subtree);
-        there = subtree.parent_order == record.order; /* so order ids fall, and this ends */
-        index = subtree.node;
+        there = at.kind != MNI_CHILD_LEAF || lo == leaf;
     }
-    if (entry != own)
+    if (entry != n->entry)
         mni_store_sub(f->store, entry);
     return there;
 }

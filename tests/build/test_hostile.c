@@ -180,10 +180,17 @@ static void read_view(const unsigned char *bytes, uint32_t length, const mni_blo
             mni_block_subtree(&view, i, &s);
             ck_assert(s.node < view.nodes && s.leaf_lo < s.leaf_hi && s.leaf_hi <= limits->leaves);
         }
+        ck_assert_uint_le(view.exits, MNI_BLOCK_EXITS_MAX);
+        for (uint32_t i = 0; i < view.exits; i++) {
+            mni_child c;
+            mni_block_exit(&view, i, &c);
+            ck_assert(c.facts.order >= limits->leaves && c.facts.order < limits->nodes);
+            ck_assert(c.ref < frame.refs);
+        }
         for (uint32_t i = 0; i < view.nodes; i++) {
             mni_node n;
             mni_block_node(&view, i, &n);
-            ck_assert(n.order >= limits->leaves && n.order < limits->nodes);
+            ck_assert(n.facts.order >= limits->leaves && n.facts.order < limits->nodes);
             ck_assert(n.leaf_mid < limits->leaves);
             ck_assert(n.left.kind != MNI_CHILD_INNER || n.left.node < view.nodes);
             ck_assert(n.right.kind != MNI_CHILD_INNER || n.right.node < view.nodes);

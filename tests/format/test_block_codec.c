@@ -57,31 +57,28 @@ END_TEST
 
 static const mni_block_limits limits = {.leaves = 2000, .nodes = 3999, .file_bytes = 1 << 22};
 
+static mni_facts chain_facts(uint32_t i, uint32_t nodes) {
+    return (mni_facts){3998 - i, (float)(nodes - i), 10, {{0}, 0}};
+}
+
 /* A chain: node i has leaf hi - 1 - i … on its right; `nodes` of them, all leaves on the right. */
 static mni_node chain_node(uint32_t i, uint32_t nodes) {
-    mni_node n = {
-        .order = 3998 - i,
-        .leaf_mid = nodes - i,
-        .switch_value = (float)(nodes - i),
-        .radius = 10,
-        .right_position = {1, 2, 3},
-        .right_color = UINT32_MAX,
-        .left = {i + 1 < nodes ? MNI_CHILD_INNER : MNI_CHILD_LEAF, i + 1, MN_NONE, MN_NONE},
-        .right = {MNI_CHILD_LEAF, MN_NONE, MN_NONE, MN_NONE},
-        .simplex_count = 1,
-        .overflow_ref = MN_NONE};
+    mni_node n = {.facts = chain_facts(i, nodes),
+                  .leaf_mid = nodes - i,
+                  .right_position = {1, 2, 3},
+                  .right_color = UINT32_MAX,
+                  .left = {.kind = i + 1 < nodes ? MNI_CHILD_INNER : MNI_CHILD_LEAF, .node = i + 1},
+                  .right = {.kind = MNI_CHILD_LEAF},
+                  .simplex_count = 1,
+                  .overflow_ref = MN_NONE};
     return n;
 }
 
 static uint32_t encode_chain(unsigned char *bytes, uint32_t length, uint32_t nodes) {
     mni_tally tally;
     mni_encoder encoder;
-    mni_subtree top = {.node = 0,
-                       .leaf_lo = 0,
-                       .leaf_hi = nodes + 1,
-                       .position = {1, 2, 3},
-                       .color = UINT32_MAX,
-                       .parent_order = MN_NONE};
+    mni_subtree top = {
+        .node = 0, .leaf_lo = 0, .leaf_hi = nodes + 1, .position = {1, 2, 3}, .color = UINT32_MAX};
     mni_tally_init(&tally, false);
     mni_tally_subtree(&tally, &top);
     for (uint32_t i = 0; i < nodes; i++) {
@@ -121,9 +118,9 @@ START_TEST(a_chain_may_be_so_deep_and_no_deeper) {
             mni_node n, wanted = chain_node(i, nodes);
             uint32_t corner[3];
             mni_block_node(&again, i, &n);
-            ck_assert_uint_eq(n.order, wanted.order);
+            ck_assert_uint_eq(n.facts.order, wanted.facts.order);
             ck_assert_uint_eq(n.leaf_mid, wanted.leaf_mid);
-            ck_assert_float_eq(n.switch_value, wanted.switch_value);
+            ck_assert_float_eq(n.facts.switch_value, wanted.facts.switch_value);
             ck_assert_float_eq(n.right_position[2], 3);
             ck_assert_uint_eq(n.right_color, UINT32_MAX);
             ck_assert_int_eq(n.left.kind, wanted.left.kind);
