@@ -68,5 +68,4 @@ void json_close(json *j, char bracket) {
 
 void json_end(json *j) {
     fputs("\n}\n", j->out);
-    fflush(j->out);
 }

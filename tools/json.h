@@ -20,6 +20,6 @@ void json_bool(json *j, const char *key, bool value);
 void json_null(json *j, const char *key);
 void json_open(json *j, const char *key, char bracket); /* '{' or '['; key NULL inside an array */
 void json_close(json *j, char bracket);                 /* '}' or ']' */
-void json_end(json *j);                                 /* closes the object, newline, flush */
+void json_end(json *j);                                 /* closes the object, newline */
 
 #endif

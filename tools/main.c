@@ -1,6 +1,8 @@
 /* metanode: the subcommands and their names. */
 #include "cli.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -32,7 +34,7 @@ static void usage(FILE *out) {
           out);
 }
 
-int main(int argc, char **argv) {
+static int run(int argc, char **argv) {
     if (argc < 2) {
         usage(stderr);
         return MN_USAGE;
@@ -49,4 +51,27 @@ int main(int argc, char **argv) {
         if (strcmp(argv[1], c->name) == 0)
             return c->run(argc - 1, argv + 1);
     return cli_error(MN_USAGE, "no command '%s'; metanode --help lists them", argv[1]);
+}
+
+/* Where one of the three is closed, a file that we write could get its number, and our figures with
+ * it: a place that cannot be written is put there instead. */
+static void open_standard(void) {
+    for (int fd = 0; fd <= 2; fd++)
+        if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", fd == 0 ? O_WRONLY : O_RDONLY) != fd)
+            return;
+}
+
+/* Figures that did not reach their file are a failure, however well they were measured. */
+static int close_output(int code) {
+    errno = 0;
+    if ((fflush(stdout) == 0 && !ferror(stdout)) || code != MN_OK)
+        return code;
+    return cli_error(errno == ENOSPC || errno == EDQUOT ? MN_NO_SPACE : MN_FAILED,
+                     "standard output could not be written whole: %s",
+                     errno != 0 ? strerror(errno) : "it has failed before");
+}
+
+int main(int argc, char **argv) {
+    open_standard();
+    return close_output(run(argc, argv));
 }

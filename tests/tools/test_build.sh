@@ -137,6 +137,28 @@ else
     echo "skipped: no small disk can be made here ($(head -1 unshare.txt))"
 fi
 
+# --- standard output on a full disk, and none at all
+for command in "info a.mnt --json" "verify a.mnt" "extract a.mnt --full -o x.ply --json" "--help" \
+    "replay a.mnt --path orbit --frames 2 --fps 0 --json" "compare in.ply in.ply --samples 10"; do
+    # shellcheck disable=SC2086 # a command and its words
+    "$metanode" $command >/dev/full 2>err.txt
+    code=$?
+    [ $code -eq 4 ] || fail "$command to a full disk: exit $code"
+    says 'standard output'
+    # shellcheck disable=SC2086
+    "$metanode" $command >&- 2>err.txt
+    code=$?
+    [ $code -eq 1 ] || fail "$command without standard output: exit $code"
+done
+# no file of ours takes the place of a closed one, and our words with it
+"$metanode" replay torn.mnt --path dive --tolerance 0.1 --frames 3 --barrier --trace t.csv >out.txt 2>&-
+code=$?
+[ $code -eq 0 ] || fail "replay without standard error: exit $code"
+grep -q metanode t.csv && fail "what should be an error is in the trace: $(grep metanode t.csv)"
+"$metanode" replay torn.mnt --path dive --tolerance 0.1 --frames 3 --barrier >out.txt 2>err.txt
+says 'metanode: warning: torn.mnt'
+"$metanode" make sphere --triangles 3000 -o x.ply >&- 2>err.txt || fail "make prints nothing: $(cat err.txt)"
+
 left=$(find . -name '*.mnt*' ! -name '?.mnt' ! -name 'old.mnt' ! -name 'cut.mnt' ! -name 'torn.mnt')
 [ -z "$left" ] || fail "left behind: $left"
 [ $failures -eq 0 ] && echo "all good"
