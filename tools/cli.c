@@ -112,6 +112,22 @@ void cli_interrupts_catch(void) {
     sigaction(SIGTERM, &action, NULL);
 }
 
+static mn_code not_written(const char *what, const char *path, mn_status *st) {
+    return mn_fail(st, mn_code_of_write(errno), "%s %s: cannot be written: %s", what, path,
+                   strerror(errno));
+}
+
+mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *st) {
+    return ferror(file) ? not_written(what, path, st) : MN_OK;
+}
+
+mn_code cli_written_all(FILE *file, const char *what, const char *path, mn_status *st) {
+    mn_code code = fflush(file) != 0 ? not_written(what, path, st) : MN_OK;
+    if (fclose(file) != 0 && code == MN_OK)
+        code = not_written(what, path, st);
+    return code;
+}
+
 uint64_t cli_file_bytes(const char *path) {
     struct stat about;
     return stat(path, &about) == 0 ? (uint64_t)about.st_size : 0;

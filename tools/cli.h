@@ -5,6 +5,7 @@
 #include <getopt.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
 
 #include "metanode/status.h"
 
@@ -54,6 +55,10 @@ void cli_progress_end(void *context);
  * order and temporary files go; a second one kills. */
 void cli_interrupts_catch(void);
 
+/* Right after something was written to the file: MN_OK, or what went wrong. what: the option. */
+mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *st);
+/* The same of what is still buffered; and closes it. */
+mn_code cli_written_all(FILE *file, const char *what, const char *path, mn_status *st);
 uint64_t cli_file_bytes(const char *path); /* 0: cannot be asked */
 
 /* Peak resident set of this process, bytes. */

@@ -162,10 +162,8 @@ static mn_code close_all(replay *r, mn_status *st) {
     mn_session_close(r->session);
     mn_code code = trace_close(r->trace, st);
     if (r->csv != NULL) {
-        bool bad = ferror(r->csv) != 0;
-        if (fclose(r->csv) != 0 || bad)
-            code = mn_fail(st, errno == ENOSPC ? MN_NO_SPACE : MN_FAILED,
-                           "--csv %s: could not be written whole", r->csv_name);
+        mn_code written = cli_written_all(r->csv, "--csv", r->csv_name, st);
+        code = code != MN_OK ? code : written;
     }
     mn_path_close(r->path);
     return code;
@@ -214,11 +212,13 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
         mn_path_camera(r->path, frame, frames, camera);
         mn_session_frame(r->session, camera, &stats);
         figures_frame(&r->figures, &stats);
-        if (r->csv != NULL)
+        if (r->csv != NULL) {
             figures_csv_row(r->csv, &stats);
-        if (r->trace != NULL)
-            trace_flush(r->trace, frame);
-        if (r->images_dir != NULL && frame % r->images_every == 0)
+            code = cli_written(r->csv, "--csv", r->csv_name, st);
+        }
+        if (r->trace != NULL && code == MN_OK)
+            code = trace_flush(r->trace, frame, st);
+        if (r->images_dir != NULL && frame % r->images_every == 0 && code == MN_OK)
             code = image(r, frame, camera, st);
         if (frame % sample == 0)
             foldovers(r);

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -66,12 +67,12 @@ static int close_output(int code) {
     errno = 0;
     if ((fflush(stdout) == 0 && !ferror(stdout)) || code != MN_OK)
         return code;
-    return cli_error(errno == ENOSPC || errno == EDQUOT ? MN_NO_SPACE : MN_FAILED,
-                     "standard output could not be written whole: %s",
+    return cli_error(mn_code_of_write(errno), "standard output could not be written whole: %s",
                      errno != 0 ? strerror(errno) : "it has failed before");
 }
 
 int main(int argc, char **argv) {
     open_standard();
+    signal(SIGXFSZ, SIG_IGN); /* a limit on files fails a write, as a full disk does */
     return close_output(run(argc, argv));
 }

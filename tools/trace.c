@@ -1,6 +1,8 @@
 /* See trace.h. Hides the ring and the text. */
 #include "trace.h"
 
+#include "cli.h"
+
 #include <errno.h>
 #include <inttypes.h>
 #include <stdatomic.h>
@@ -57,7 +59,7 @@ void trace_hook(void *context, uint32_t event, uint32_t block_id, uint32_t slot,
     atomic_store_explicit(&t->head, head + 1, memory_order_release);
 }
 
-void trace_flush(trace *t, uint32_t frame) {
+mn_code trace_flush(trace *t, uint32_t frame, mn_status *st) {
     uint64_t head = atomic_load_explicit(&t->head, memory_order_acquire);
     uint64_t tail = atomic_load_explicit(&t->tail, memory_order_relaxed);
     for (; tail < head; tail++) {
@@ -71,17 +73,13 @@ void trace_flush(trace *t, uint32_t frame) {
     if (dropped != t->told)
         fprintf(t->file, "# %" PRIu64 " events did not fit\n", dropped - t->told);
     t->told = dropped;
+    return cli_written(t->file, "--trace", t->path, st);
 }
 
 mn_code trace_close(trace *t, mn_status *st) {
-    mn_code code = MN_OK;
     if (t == NULL)
-        return code;
-    bool bad = ferror(t->file) != 0;
-    bad = fclose(t->file) != 0 || bad;
-    if (bad)
-        code = mn_fail(st, errno == ENOSPC ? MN_NO_SPACE : MN_FAILED,
-                       "--trace %s: could not be written whole", t->path);
+        return MN_OK;
+    mn_code code = cli_written_all(t->file, "--trace", t->path, st);
     free(t);
     return code;
 }

@@ -16,8 +16,8 @@ mn_code trace_open(const char *path, trace **out, mn_status *st);
 /* An mn_trace_hook; context: the trace. */
 void trace_hook(void *context, uint32_t event, uint32_t block_id, uint32_t slot,
                 uint32_t generation, uint32_t value);
-void trace_flush(trace *t, uint32_t frame);   /* main thread */
-mn_code trace_close(trace *t, mn_status *st); /* t may be NULL */
-uint64_t trace_bytes(void);                   /* memory that one takes, for the plan */
+mn_code trace_flush(trace *t, uint32_t frame, mn_status *st); /* main thread */
+mn_code trace_close(trace *t, mn_status *st);                 /* t may be NULL */
+uint64_t trace_bytes(void); /* memory that one takes, for the plan */
 
 #endif

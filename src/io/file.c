@@ -60,14 +60,13 @@ void mni_in_close(mni_in *in) {
 /* ---- writing ------------------------------------------------------------------------------- */
 
 static mn_code write_failed(mni_out *out, int error, mn_status *st) {
-    bool full = error == ENOSPC || error == EDQUOT;
-    out->failed = full ? MN_NO_SPACE : MN_FAILED;
-    if (full)
-        return mn_fail(st, MN_NO_SPACE,
-                       "%s: no space left on the disk; make room, or write to "
-                       "another one",
-                       out->path);
-    return mn_fail(st, MN_FAILED, "%s: cannot write: %s", out->path, strerror(error));
+    out->failed = mn_code_of_write(error);
+    if (out->failed == MN_NO_SPACE)
+        return mn_fail(st, MN_NO_SPACE, "%s: %s; make room, or write to another disk", out->path,
+                       error == EFBIG ? "the file grows past what is allowed (ulimit -f)"
+                                      : "no space left on the disk");
+    return mn_fail(st, MN_FAILED, "%s: cannot write: %s; try another disk", out->path,
+                   strerror(error));
 }
 
 static int write_whole(int fd, const unsigned char *bytes, size_t count, uint64_t offset) {
@@ -133,9 +132,10 @@ mn_code mni_out_open(mni_out *out, const char *path, mn_status *st) {
     int error = out->path == NULL || out->tail == NULL ? ENOMEM : open_temporary(out);
     if (error != 0) {
         mni_out_abort(out);
-        if (error == ENOSPC || error == EDQUOT)
-            return mn_fail(st, MN_NO_SPACE, "%s: no space left on the disk", path);
-        return mn_fail(st, MN_FAILED, "%s: cannot create: %s", path, strerror(error));
+        return mn_fail(st, mn_code_of_write(error),
+                       "%s: cannot create: %s; name a directory that is there, can be written and "
+                       "has room",
+                       path, strerror(error));
     }
     return MN_OK;
 }

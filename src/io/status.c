@@ -1,6 +1,8 @@
-/* mn_fail: the one place where an error text is made. Any thread; owns nothing. */
+/* mn_fail: the one place where an error text is made; and what an errno means. Any thread; owns
+ * nothing. */
 #include "metanode/status.h"
 
+#include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
 
@@ -13,4 +15,8 @@ mn_code mn_fail(mn_status *st, mn_code code, const char *format, ...) {
         st->code = code;
     }
     return code;
+}
+
+mn_code mn_code_of_write(int error) {
+    return error == ENOSPC || error == EDQUOT || error == EFBIG ? MN_NO_SPACE : MN_FAILED;
 }

@@ -411,7 +411,7 @@ START_TEST(written_and_read_again) {
         ck_assert_int_eq(mn_mesh_write_ply(path, &mesh, &st), MN_FAILED);
         st = (mn_status){0};
         ck_assert_int_eq(mn_mesh_write_ply("/dev/full", &mesh, &st), MN_FAILED);
-        ck_assert_ptr_nonnull(strstr(st.text, "no regular file"));
+        ck_assert_ptr_nonnull(strstr(st.text, "not a regular file"));
         mn_mesh_free(&mesh);
     }
 }

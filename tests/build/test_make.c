@@ -317,7 +317,7 @@ START_TEST(failures_leave_nothing_behind) {
     st = (mn_status){0};
     mn_code code = mn_make(path, &desc, &st);
     setrlimit(RLIMIT_FSIZE, &old);
-    ck_assert_int_eq(code, MN_FAILED);
+    ck_assert_int_eq(code, MN_NO_SPACE);
     ck_assert_ptr_nonnull(strstr(st.text, path));
     ck_assert_int_eq(files_in_folder(), 0);
 

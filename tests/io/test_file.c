@@ -129,7 +129,7 @@ START_TEST(a_failed_write_leaves_nothing) {
     struct rlimit limit = {300000, 300000};
     signal(SIGXFSZ, SIG_IGN);
     ck_assert_int_eq(setrlimit(RLIMIT_FSIZE, &limit), 0);
-    write_all("big", 1000000, MN_FAILED);
+    write_all("big", 1000000, MN_NO_SPACE);
     ck_assert_uint_eq(entries(), 0);
 }
 END_TEST
