@@ -1,8 +1,9 @@
 /* Files, whole: see file.h.
  *
- * Secret: the temporary name, the buffer, and the order of sync and rename that makes a new file
- * appear at once and complete. A mni_out owns its two names and a buffer of TAIL_BYTES. Threads:
- * each object one at a time. (design.md §3.5) */
+ * Secret: files without names, the temporary name, the buffer, and the order of sync and rename
+ * that makes a new file appear at once and complete. A mni_out owns its two names and a buffer of
+ * TAIL_BYTES. Threads: each object one at a time. (design.md §3.5) */
+#define _GNU_SOURCE /* O_TMPFILE */
 #include "file.h"
 
 #include <errno.h>
@@ -18,6 +19,7 @@
 enum {
     TAIL_BYTES = 256 * 1024, /* appends of a few bytes become few, large writes */
     TEMP_TRIES_MAX = 1000,   /* names of this process in one directory */
+    TEMP_NAME_BYTES = 64,
 };
 
 /* ---- reading ------------------------------------------------------------------------------- */
@@ -98,27 +100,52 @@ static size_t directory_length(const char *path) {
     return slash == NULL ? 0 : (size_t)(slash - path) + 1;
 }
 
-/* Creates a file that did not exist, beside the final name so that rename stays on one disk. */
+/* A name that nothing has, beside the final one so that rename stays on one disk. */
+static void temporary_name(mni_out *out, int number) {
+    size_t directory = directory_length(out->path);
+    snprintf(out->temp + directory, TEMP_NAME_BYTES, ".metanode-%ld-%d.tmp", (long)getpid(),
+             number);
+}
+
+/* A file without a name goes with the process, however that ends. Not every file system has them.
+ */
+static int open_nameless(mni_out *out) {
+    size_t directory = directory_length(out->path);
+    memcpy(out->temp + directory, ".", 2); /* PATH/. or . */
+    return open(out->temp, O_RDWR | O_TMPFILE | O_CLOEXEC, 0666);
+}
+
 static int open_temporary(mni_out *out) {
     size_t directory = directory_length(out->path);
-    size_t room = directory + 64;
-    out->temp = malloc(room);
+    out->temp = malloc(directory + TEMP_NAME_BYTES);
     if (out->temp == NULL)
         return ENOMEM;
     memcpy(out->temp, out->path, directory);
-    for (int i = 0; i < TEMP_TRIES_MAX; i++) {
-        snprintf(out->temp + directory, room - directory, ".metanode-%ld-%d.tmp", (long)getpid(),
-                 i);
+    out->fd = open_nameless(out);
+    out->named = out->fd < 0;
+    for (int i = 0; out->fd < 0 && i < TEMP_TRIES_MAX; i++) {
+        temporary_name(out, i);
         out->fd = open(out->temp, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-        if (out->fd >= 0)
-            return 0;
-        if (errno != EEXIST)
+        if (out->fd < 0 && errno != EEXIST)
             break;
     }
-    int error = errno;
-    free(out->temp); /* not ours to unlink */
-    out->temp = NULL;
-    return error;
+    if (out->fd >= 0)
+        return 0;
+    out->named = false; /* not ours to unlink */
+    return errno;
+}
+
+/* Gives a nameless file a temporary name: a link cannot take the place of what stands there. */
+static int name_temporary(mni_out *out) {
+    char self[64];
+    snprintf(self, sizeof self, "/proc/self/fd/%d", out->fd);
+    for (int i = 0; !out->named && i < TEMP_TRIES_MAX; i++) {
+        temporary_name(out, i);
+        out->named = linkat(AT_FDCWD, self, AT_FDCWD, out->temp, AT_SYMLINK_FOLLOW) == 0;
+        if (!out->named && errno != EEXIST)
+            break;
+    }
+    return out->named ? 0 : errno;
 }
 
 mn_code mni_out_open(mni_out *out, const char *path, mn_status *st) {
@@ -185,15 +212,13 @@ mn_code mni_out_commit(mni_out *out, mn_status *st) {
     MN_ASSERT(out->fd >= 0);
     if (out->failed == MN_OK)
         flush(out, st);
-    if (out->failed == MN_OK && fsync(out->fd) != 0)
-        write_failed(out, errno, st);
-    if (out->failed == MN_OK && rename(out->temp, out->path) != 0)
+    if (out->failed == MN_OK &&
+        (fsync(out->fd) != 0 || name_temporary(out) != 0 || rename(out->temp, out->path) != 0))
         write_failed(out, errno, st);
     mn_code code = out->failed;
     if (code == MN_OK) {
         sync_directory(out->path);
-        free(out->temp); /* renamed: nothing to remove */
-        out->temp = NULL;
+        out->named = false; /* renamed: nothing to remove */
     }
     mni_out_abort(out);
     return code;
@@ -204,7 +229,7 @@ void mni_out_abort(mni_out *out) {
         return; /* zeroed or closed before */
     if (out->fd >= 0)
         close(out->fd);
-    if (out->temp != NULL)
+    if (out->named)
         unlink(out->temp);
     free(out->temp);
     free(out->path);

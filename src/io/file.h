@@ -28,11 +28,13 @@ void mni_in_close(mni_in *in);
 
 /* ---- writing ------------------------------------------------------------------------------- */
 
-/* A file under a temporary name in the directory of its final one. Copies path. After a failed call
- * further ones do nothing and return the first failure; abort is still due. */
+/* A file without a name, or where there are none with a temporary one, in the directory of its
+ * final name. Copies path. After a failed call further ones do nothing and return the first
+ * failure; abort is still due. */
 typedef struct mni_out {
     int fd;              /* -1: closed */
     char *path, *temp;   /* final and temporary name */
+    bool named;          /* the temporary name is in the directory */
     unsigned char *tail; /* appended, not yet written */
     size_t tail_bytes;
     uint64_t offset; /* of the tail in the file */

@@ -1,18 +1,23 @@
 /* Goal: a written file appears whole or not at all, and trouble is said in the right class.
- * Method: files in a directory of our own; a full disk is played by /dev/full's kin, RLIMIT_FSIZE.
- */
+ * Method: files in a directory of our own; a full disk is played by /dev/full's kin, RLIMIT_FSIZE;
+ * a poorer file system by a filter on system calls. */
+#define _GNU_SOURCE /* O_TMPFILE */
 #include <check.h>
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "file.h"
+#include "refuse.h"
 
 static char directory[64];
 
@@ -82,7 +87,6 @@ START_TEST(abort_leaves_the_old_one) {
     mni_out out;
     ck_assert_int_eq(mni_out_open(&out, "out", NULL), MN_OK);
     ck_assert_int_eq(mni_out_write(&out, "x", 1, NULL), MN_OK);
-    ck_assert_uint_eq(entries(), 2);
     mni_out_abort(&out);
     struct stat info;
     ck_assert_int_eq(stat("out", &info), 0);
@@ -124,6 +128,63 @@ START_TEST(refuses_what_is_no_file) {
 }
 END_TEST
 
+/* Killed in the middle: the old one stands and nothing else does. */
+START_TEST(a_kill_leaves_the_old_one) {
+    write_all("out", 10, MN_OK);
+    pid_t child = fork();
+    if (child == 0) {
+        mni_out out;
+        static const unsigned char bytes[400000];
+        mn_status st = {0};
+        if (mni_out_open(&out, "out", &st) != MN_OK ||
+            mni_out_write(&out, bytes, sizeof bytes, &st) != MN_OK)
+            _exit(1);
+        raise(SIGKILL);
+    }
+    int status;
+    struct stat info;
+    ck_assert_int_eq(waitpid(child, &status, 0), child);
+    ck_assert(WIFSIGNALED(status));
+    ck_assert_uint_eq(entries(), 1);
+    ck_assert_int_eq(stat("out", &info), 0);
+    ck_assert_int_eq(info.st_size, 10);
+}
+END_TEST
+
+/* A file system without nameless files (many network ones): the same, but for the kill. */
+START_TEST(without_nameless_files) {
+    if (!refuse_call(SYS_openat, 2, O_TMPFILE, O_TMPFILE, EOPNOTSUPP)) {
+        printf("skipped: no filters of system calls here\n");
+        return;
+    }
+    mni_out out;
+    ck_assert_int_eq(mni_out_open(&out, "out", NULL), MN_OK);
+    ck_assert_uint_eq(entries(), 1); /* the temporary one */
+    mni_out_abort(&out);
+    ck_assert_uint_eq(entries(), 0);
+    write_all("out", 1000000, MN_OK);
+    ck_assert_uint_eq(entries(), 1);
+    struct rlimit limit = {300000, 300000};
+    signal(SIGXFSZ, SIG_IGN);
+    ck_assert_int_eq(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    write_all("big", 1000000, MN_NO_SPACE);
+    ck_assert_uint_eq(entries(), 1);
+}
+END_TEST
+
+/* Names that another process of this number has left are not taken, and not touched. */
+START_TEST(names_taken_are_left_alone) {
+    char name[64];
+    snprintf(name, sizeof name, ".metanode-%ld-0.tmp", (long)getpid());
+    if (_i == 1 && !refuse_call(SYS_openat, 2, O_TMPFILE, O_TMPFILE, EOPNOTSUPP))
+        return;
+    ck_assert_int_eq(mkdir(name, 0777), 0);
+    write_all("out", 1000, MN_OK);
+    ck_assert_uint_eq(entries(), 2);
+    ck_assert_int_eq(rmdir(name), 0);
+}
+END_TEST
+
 /* A write that fails: nothing is left, the status says so, and later calls are harmless. */
 START_TEST(a_failed_write_leaves_nothing) {
     struct rlimit limit = {300000, 300000};
@@ -143,6 +204,9 @@ int main(void) {
     tcase_add_test(tests, follows_links);
     tcase_add_test(tests, refuses_what_is_no_file);
     tcase_add_test(tests, a_failed_write_leaves_nothing);
+    tcase_add_test(tests, a_kill_leaves_the_old_one);
+    tcase_add_test(tests, without_nameless_files);
+    tcase_add_loop_test(tests, names_taken_are_left_alone, 0, 2);
     suite_add_tcase(suite, tests);
     SRunner *runner = srunner_create(suite);
     srunner_run_all(runner, CK_ENV);
