@@ -5,6 +5,7 @@
 #include <stddef.h>
 
 int bench_adapt(int argc, char **argv);
+int bench_draw(int argc, char **argv);
 int bench_error(int argc, char **argv);
 int bench_simplify(int argc, char **argv);
 

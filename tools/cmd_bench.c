@@ -12,6 +12,7 @@
 /* In the order of --help. A measurement adds itself here and to meson.build. */
 static const cli_command benches[] = {
     {"adapt", bench_adapt, "triangles that one core makes and removes a second, all resident"},
+    {"draw", bench_draw, "bytes and time to hand fronts to the driver, along a path"},
     {"error", bench_error, "how honest and tight the switch values of a model's tree are"},
     {"simplify", bench_simplify, "collapses a second and quality, against OpenMesh"},
     {NULL, NULL, NULL},

@@ -246,6 +246,12 @@ static void finish(replay *r) {
     f->allocations_after_seal = cli_alloc_since_mark();
     f->has_gl = r->images_dir != NULL;
     f->gl_rss_bytes = r->picture.load.rss_bytes;
+    if (f->has_gl) {
+        mn_gl_stats gl;
+        r->picture.load.api->stats(r->picture.gl, &gl);
+        f->gl_fronts = gl.fronts;
+        f->gl_sent_bytes = gl.sent_bytes;
+    }
     f->rss_peak_bytes = f->has_gl ? r->picture.load.own_peak_bytes : cli_rss_peak_bytes();
     f->store = r->options.desc.store;
     f->l = mn_session_header(r->session)->l;

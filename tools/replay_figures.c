@@ -177,10 +177,14 @@ void figures_json(const replay_figures *f, FILE *out) {
     json_u64(&j, "ram_min_bytes", f->plan.ram_min_bytes);
     json_u64(&j, "front_max", f->plan.front_max);
     json_u64(&j, "rss_peak_bytes", f->rss_peak_bytes);
-    if (f->has_gl)
-        json_u64(&j, "gl_rss_bytes", f->gl_rss_bytes);
-    else
-        json_null(&j, "gl_rss_bytes");
+    static const char *const gl_keys[] = {"gl_rss_bytes", "gl_fronts", "gl_sent_bytes"};
+    const uint64_t gl_values[] = {f->gl_rss_bytes, f->gl_fronts, f->gl_sent_bytes};
+    for (int i = 0; i < 3; i++) {
+        if (f->has_gl)
+            json_u64(&j, gl_keys[i], gl_values[i]);
+        else
+            json_null(&j, gl_keys[i]);
+    }
     json_u64(&j, "allocations_after_seal", f->allocations_after_seal);
     json_str(&j, "store", store_name(f->store));
     if (f->store == MN_STORE_RESIDENT) {
@@ -238,7 +242,8 @@ void figures_table(const replay_figures *f, FILE *out) {
     table_plan(&f->plan, f->block_bytes_max, out);
     fprintf(out, "memory     %.2f MB at the peak", mega(f->rss_peak_bytes));
     if (f->has_gl)
-        fprintf(out, "; GL %.2f MB apart", mega(f->gl_rss_bytes));
+        fprintf(out, "; GL %.2f MB apart, %.1f kB sent a picture", mega(f->gl_rss_bytes),
+                mean_of((double)f->gl_sent_bytes / 1024, f->gl_fronts));
     fprintf(out, "; %" PRIu64 " allocations after the start\n", f->allocations_after_seal);
     if (f->store == MN_STORE_RESIDENT)
         fprintf(out, "foldovers  %" PRIu64 ", %" PRIu64 " of them legal\n", f->foldovers,

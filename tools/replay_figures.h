@@ -28,6 +28,7 @@ typedef struct replay_figures {
     /* filled by the command at the end */
     uint64_t settle_frames, foldovers, foldovers_legal, front_hash;
     uint64_t rss_peak_bytes, gl_rss_bytes, allocations_after_seal;
+    uint64_t gl_fronts, gl_sent_bytes; /* handed to the driver */
     bool settled, back_at_roots, has_gl;
     mn_store_kind store;
     mn_plan plan;

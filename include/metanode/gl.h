@@ -21,7 +21,7 @@ extern "C" {
 #endif
 
 #define MN_GL_SYMBOL "mn_gl_module"
-enum { MN_GL_VERSION = 1 };
+enum { MN_GL_VERSION = 2 };
 
 typedef struct mn_gl mn_gl; /* a context with its picture: offscreen, or a window */
 
@@ -39,6 +39,13 @@ typedef struct mn_gl_look {
     bool lod_colors; /* by the logarithm of the switch value: blue is fine, red is coarse */
     bool flat;       /* a normal for each triangle instead of smooth ones */
 } mn_gl_look;
+
+/* Totals since open. */
+typedef struct mn_gl_stats {
+    uint64_t fronts;      /* handed over */
+    uint64_t sent_bytes;  /* to the driver: vertices, normals, indices */
+    uint64_t sent_ranges; /* in so many pieces */
+} mn_gl_stats;
 
 enum { MN_GL_TYPED_MAX = 32 }; /* characters between two polls; more are dropped */
 
@@ -78,6 +85,7 @@ typedef struct mn_gl_api {
     /* The same as an opaque PNG: written under a temporary name, renamed. */
     mn_code (*png)(mn_gl *gl, const char *path, mn_status *st);
     const char *(*driver)(const mn_gl *gl); /* the renderer's name; lives until close */
+    void (*stats)(const mn_gl *gl, mn_gl_stats *out);
 
     /* Windows only. Waits at most timeout_s for something to happen (0: does not wait). */
     void (*poll)(mn_gl *gl, double timeout_s, mn_gl_input *out);

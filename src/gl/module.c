@@ -132,6 +132,10 @@ static const char *module_driver(const mn_gl *gl) {
     return mni_render_driver(gl->render);
 }
 
+static void module_stats(const mn_gl *gl, mn_gl_stats *out) {
+    mni_render_stats(gl->render, out);
+}
+
 static void module_poll(mn_gl *gl, double timeout_s, mn_gl_input *out) {
     MN_ASSERT(gl->window != NULL);
     mni_window_poll(gl->window, timeout_s, out);
@@ -155,6 +159,7 @@ const mn_gl_api mn_gl_module = {
     .pixels = module_pixels,
     .png = module_png,
     .driver = module_driver,
+    .stats = module_stats,
     .poll = module_poll,
     .title = module_title,
 };

@@ -38,18 +38,47 @@ mn_code mni_render_draw(mni_render *r, const mn_camera *camera, const mn_gl_look
 void mni_render_present(mni_render *r); /* copies the picture to the window's framebuffer */
 void mni_render_size(const mni_render *r, uint32_t *width, uint32_t *height);
 mn_code mni_render_pixels(mni_render *r, uint8_t *rgba, mn_status *st); /* bottom row first */
+void mni_render_stats(const mni_render *r, mn_gl_stats *out);
 const char *mni_render_driver(const mni_render *r);
 void mni_render_close(mni_render *r); /* the context still current */
 
-/* ---- surface.c: the triangles of a front and their normals. Pure ---------------------------- */
+/* ---- surface.c: a mirror of what the driver holds of a front, and what is new in it. Pure -----
+ */
 
-/* Writes the node slots of the front's triangles, 3 each, to index (3 × simplex_slots), and for
- * each node slot the sum of the area-weighted normals around it to normal (3 × node_slots). Empty
- * slots and hinges are skipped. Returns the number of triangles. */
-uint32_t mni_surface_gather(const mn_front *front, uint32_t *index, float *normal);
-/* Three floats of any length to GL's 10-10-10-2, signed, normalised; 0 where there is no
- * direction. */
-uint32_t mni_surface_pack(const float normal[3]);
+typedef struct mni_surface {
+    /* const after open */
+    uint32_t node_slots_max, simplex_slots_max;
+    double scale; /* of cross products to units of sum */
+    /* what the driver has, or gets when the bits are sent; the caller reads it */
+    float (*vertex)[4];   /* a node slot: position, switch value */
+    uint32_t *color;      /* RGBA8; NULL: the model has none */
+    uint32_t *normal;     /* packed */
+    uint32_t (*index)[3]; /* a simplex slot: node slots; all the same where there is no triangle */
+    uint64_t *vertex_new, *normal_new, *index_new; /* bits: changed, not sent yet */
+    uint32_t node_high, simplex_high;              /* slots from here on were never used */
+    uint32_t triangles;
+    /* surface.c alone */
+    int64_t (*sum)[3]; /* a node slot: area-weighted normals of its triangles */
+    const float *source;
+    uint64_t version;    /* of the front that is mirrored, and where its positions lie */
+    uint32_t node_fresh; /* slots from here on are new to the driver */
+    bool pending;
+} mni_surface;
+
+/* diagonal: about the model's size. false: no memory. */
+bool mni_surface_open(mni_surface *s, uint32_t node_slots_max, uint32_t simplex_slots_max,
+                      bool has_colors, double diagonal);
+void mni_surface_close(mni_surface *s);
+/* Mirrors the front; then the caller sends what has a bit, and says so. */
+void mni_surface_update(mni_surface *s, const mn_front *front);
+void mni_surface_sent(mni_surface *s);
+/* The next run of set bits from *first on, up to limit; runs at most `gap` clear bits apart are
+ * one. false: there is none. */
+bool mni_surface_run(const uint64_t *bits, uint32_t limit, uint32_t gap, uint32_t *first,
+                     uint32_t *end);
+void mni_surface_all(uint64_t *bits, uint32_t limit); /* sets those below limit */
+/* A vector of any length to GL's 10-10-10-2, signed, normalised; 0 where there is no direction. */
+uint32_t mni_surface_pack(const int64_t vector[3]);
 
 /* ---- png.c ---------------------------------------------------------------------------------- */
 

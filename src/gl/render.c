@@ -2,9 +2,9 @@
  *
  * Order: open, front, draw, then pixels or present; resize at any time. The thread of the context.
  * Memory: buffers for the largest front, allocated at open (node slots × 24 bytes and simplex slots
- * × 12 with the driver, node slots × 12 here for the sums of normals), and the targets.
+ * × 12 with the driver, their mirror here), and the targets.
  *
- *     front ── gather ──> index, normals ──> one draw call ──> drawn (4 samples) ──> shown
+ *     front ──> mirror ── what is new ──> buffers ── one call ──> drawn (4 samples) ──> shown
  *
  * Cracks: triangles share their corners by index, so no edge is rasterised from two roundings.
  * Depth: positions are taken relative to the eye before they are turned. Where the driver has
@@ -27,8 +27,24 @@ enum {
     NORMAL = 1,
     COLOR = 2,
     SWITCH_VALUE = 3,
-    ATTRIBUTES = 4,
 };
+enum { WAIT_NS = 1000000000 }; /* then it is asked again: drivers may lie about longer ones */
+
+/* What the driver holds of a front; the mirror has the same arrays. */
+typedef enum buffer { VERTICES = 0, NORMALS, COLORS, INDICES, BUFFERS } buffer;
+static const size_t stride[BUFFERS] = {16, 4, 4, 12};
+
+/* How changes reach the driver. METANODE_GL_UPLOAD asks for one of them; MAPPED needs
+ * ARB_buffer_storage and is taken where it is offered. */
+typedef enum uploads {
+    UPLOAD_MAPPED = 0, /* written into buffers that stay mapped, once the last picture is drawn */
+    UPLOAD_RANGES,     /* handed over range by range */
+    UPLOAD_WHOLE,      /* all, each time: to compare with */
+    UPLOADS
+} uploads;
+static const char *const upload_name[UPLOADS] = {"mapped", "ranges", "whole"};
+/* Changes closer than that are one range: a call costs more than it saves in bytes. */
+static const size_t range_gap_bytes = 256;
 
 typedef struct program {
     GLuint name;
@@ -41,19 +57,21 @@ typedef struct target { /* what is drawn to, or read from */
 
 struct mni_render {
     /* const after open */
-    uint32_t node_slots_max, simplex_slots_max;
-    bool has_colors, reversed_depth;
+    bool reversed_depth;
     vec3 box_min, box_max;
     GLint samples, size_max;
     char driver[128];
     program surface, wire;
     GLuint sky;
     GLuint surface_array, sky_array;
-    GLuint attribute[ATTRIBUTES], index;
-    float *normal; /* 3 × node_slots_max: sums */
-    /* by front and resize */
-    uint32_t triangles;
+    uploads uploads;
+    GLuint buffer[BUFFERS];
+    uint8_t *mapped[BUFFERS]; /* NULL: not MAPPED */
+    /* by front, draw and resize */
+    mni_surface mirror;
     bool front_colors;
+    GLsync drawn_at; /* when the driver has read the buffers for the last picture; NULL: it has */
+    mn_gl_stats stats;
     uint32_t width, height;
     target drawn, shown; /* shown has one sample; pixels are read from it */
 };
@@ -177,27 +195,57 @@ mn_code mni_render_resize(mni_render *r, uint32_t width, uint32_t height, mn_sta
 
 /* ---- open and close ------------------------------------------------------------------------- */
 
-static void open_attribute(mni_render *r, GLuint location, GLint size, GLenum type, size_t bytes) {
-    glGenBuffers(1, &r->attribute[location]);
-    glBindBuffer(GL_ARRAY_BUFFER, r->attribute[location]);
-    glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(bytes * r->node_slots_max), NULL, GL_STREAM_DRAW);
-    glVertexAttribPointer(location, size, type, type != GL_FLOAT, 0, NULL);
+static void open_buffer(mni_render *r, buffer which, GLenum point, size_t slots_max) {
+    const GLbitfield stays = GL_MAP_WRITE_BIT | GL_MAP_PERSISTENT_BIT | GL_MAP_COHERENT_BIT;
+    const GLsizeiptr bytes = (GLsizeiptr)(stride[which] * (slots_max + 1)); /* never 0 */
+    glGenBuffers(1, &r->buffer[which]);
+    glBindBuffer(point, r->buffer[which]);
+    if (r->uploads == UPLOAD_MAPPED) {
+        glBufferStorage(point, bytes, NULL, stays);
+        r->mapped[which] = glMapBufferRange(point, 0, bytes, stays);
+    } else {
+        glBufferData(point, bytes, NULL, GL_DYNAMIC_DRAW);
+    }
+}
+
+static void open_attribute(buffer which, GLuint location, GLint size, GLenum type, size_t at) {
+    glVertexAttribPointer(location, size, type, type != GL_FLOAT, (GLsizei)stride[which],
+                          (const void *)at);
     glEnableVertexAttribArray(location);
 }
 
-static void open_buffers(mni_render *r) {
+static void open_buffers(mni_render *r, const mn_gl_desc *desc) {
     glGenVertexArrays(1, &r->sky_array);
     glGenVertexArrays(1, &r->surface_array);
     glBindVertexArray(r->surface_array);
-    open_attribute(r, POSITION, 3, GL_FLOAT, 12);
-    open_attribute(r, NORMAL, 4, GL_INT_2_10_10_10_REV, 4);
-    if (r->has_colors)
-        open_attribute(r, COLOR, 4, GL_UNSIGNED_BYTE, 4);
-    open_attribute(r, SWITCH_VALUE, 1, GL_FLOAT, 4);
-    glGenBuffers(1, &r->index);
-    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, r->index);
-    glBufferData(GL_ELEMENT_ARRAY_BUFFER, (GLsizeiptr)(12 * (size_t)r->simplex_slots_max), NULL,
-                 GL_STREAM_DRAW);
+    open_buffer(r, VERTICES, GL_ARRAY_BUFFER, desc->node_slots_max);
+    open_attribute(VERTICES, POSITION, 3, GL_FLOAT, 0);
+    open_attribute(VERTICES, SWITCH_VALUE, 1, GL_FLOAT, 12);
+    open_buffer(r, NORMALS, GL_ARRAY_BUFFER, desc->node_slots_max);
+    open_attribute(NORMALS, NORMAL, 4, GL_INT_2_10_10_10_REV, 0);
+    if (desc->has_colors) {
+        open_buffer(r, COLORS, GL_ARRAY_BUFFER, desc->node_slots_max);
+        open_attribute(COLORS, COLOR, 4, GL_UNSIGNED_BYTE, 0);
+    }
+    open_buffer(r, INDICES, GL_ELEMENT_ARRAY_BUFFER, desc->simplex_slots_max);
+}
+
+static mn_code choose_uploads(mni_render *r, mn_status *st) {
+    const bool may_map =
+        epoxy_gl_version() >= 44 || epoxy_has_gl_extension("GL_ARB_buffer_storage");
+    const char *only = getenv("METANODE_GL_UPLOAD");
+    r->uploads = may_map ? UPLOAD_MAPPED : UPLOAD_RANGES;
+    for (int i = 0; only != NULL && i < UPLOADS; i++)
+        if (strcmp(only, upload_name[i]) == 0)
+            r->uploads = (uploads)i;
+    if (only != NULL && strcmp(only, upload_name[r->uploads]) != 0)
+        return mn_fail(st, MN_USAGE, "METANODE_GL_UPLOAD is '%s', not mapped, ranges or whole",
+                       only);
+    if (r->uploads == UPLOAD_MAPPED && !may_map)
+        return mn_fail(st, MN_NO_GRAPHICS,
+                       "METANODE_GL_UPLOAD: this driver maps no buffer for "
+                       "good (ARB_buffer_storage)");
+    return MN_OK;
 }
 
 static void fixed_state(mni_render *r) {
@@ -222,25 +270,23 @@ mn_code mni_render_open(const mn_gl_desc *desc, mni_render **out, mn_status *st)
         return mn_fail(st, MN_NO_GRAPHICS, "OpenGL %d.%d; 3.3 is needed", epoxy_gl_version() / 10,
                        epoxy_gl_version() % 10);
     mni_render *r = calloc(1, sizeof *r);
-    float *normal = malloc(sizeof(float) * 3 * ((size_t)desc->node_slots_max + 1));
-    if (r == NULL || normal == NULL) {
+    const float diagonal = glm_vec3_distance((float *)desc->box_min, (float *)desc->box_max);
+    if (r == NULL || !mni_surface_open(&r->mirror, desc->node_slots_max, desc->simplex_slots_max,
+                                       desc->has_colors, diagonal)) {
         free(r);
-        free(normal);
         return mn_fail(st, MN_FAILED, "no memory to draw %u nodes", desc->node_slots_max);
     }
-    r->normal = normal;
-    r->node_slots_max = desc->node_slots_max;
-    r->simplex_slots_max = desc->simplex_slots_max;
-    r->has_colors = desc->has_colors;
     glm_vec3_copy((float *)desc->box_min, r->box_min);
     glm_vec3_copy((float *)desc->box_max, r->box_max);
     fixed_state(r);
-    bool good = open_program(&r->surface, NULL, mni_shader_surface_fragment, st) &&
+    mn_code code = choose_uploads(r, st);
+    bool good = code == MN_OK && open_program(&r->surface, NULL, mni_shader_surface_fragment, st) &&
                 open_program(&r->wire, mni_shader_wire_geometry, mni_shader_wire_fragment, st);
     r->sky = good ? link_program(mni_shader_sky_vertex, NULL, mni_shader_sky_fragment, st) : 0;
-    mn_code code = r->sky != 0 ? MN_OK : MN_NO_GRAPHICS;
+    if (code == MN_OK && r->sky == 0)
+        code = MN_NO_GRAPHICS;
     if (code == MN_OK)
-        open_buffers(r);
+        open_buffers(r, desc);
     if (code == MN_OK)
         code = gl_status("making room for the front", st);
     if (code == MN_OK)
@@ -257,65 +303,61 @@ void mni_render_close(mni_render *r) {
         return;
     close_target(&r->drawn);
     close_target(&r->shown);
-    glDeleteBuffers(ATTRIBUTES, r->attribute);
-    glDeleteBuffers(1, &r->index);
+    glDeleteSync(r->drawn_at);           /* 0 is ignored */
+    glDeleteBuffers(BUFFERS, r->buffer); /* and unmaps them */
     glDeleteVertexArrays(1, &r->surface_array);
     glDeleteVertexArrays(1, &r->sky_array);
     glDeleteProgram(r->surface.name);
     glDeleteProgram(r->wire.name);
     glDeleteProgram(r->sky);
-    free(r->normal);
+    mni_surface_close(&r->mirror);
     free(r);
 }
 
 /* ---- the front ------------------------------------------------------------------------------ */
 
-/* Orphans the buffer, so that the driver need not wait for the last frame's drawing. */
-static void upload(GLuint buffer, const void *data, size_t bytes_max, size_t bytes) {
-    glBindBuffer(GL_ARRAY_BUFFER, buffer);
-    glBufferData(GL_ARRAY_BUFFER, (GLsizeiptr)bytes_max, NULL, GL_STREAM_DRAW);
-    glBufferSubData(GL_ARRAY_BUFFER, 0, (GLsizeiptr)bytes, data);
+static void send(mni_render *r, buffer which, size_t at, size_t bytes, const void *data) {
+    if (r->mapped[which] != NULL)
+        memcpy(r->mapped[which] + at, data, bytes);
+    else
+        glBufferSubData(GL_COPY_WRITE_BUFFER, (GLintptr)at, (GLsizeiptr)bytes, data);
+    r->stats.sent_bytes += bytes;
+    r->stats.sent_ranges++;
 }
 
-static void *map(GLenum point, size_t bytes) {
-    return glMapBufferRange(point, 0, (GLsizeiptr)bytes,
-                            GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+static void send_new(mni_render *r, buffer which, uint64_t *bits, uint32_t limit,
+                     const void *mirror) {
+    const size_t size = stride[which];
+    const uint32_t gap = r->uploads == UPLOAD_MAPPED ? 0 : (uint32_t)(range_gap_bytes / size);
+    if (r->uploads == UPLOAD_WHOLE)
+        mni_surface_all(bits, limit);
+    glBindBuffer(GL_COPY_WRITE_BUFFER, r->buffer[which]);
+    for (uint32_t first = 0, end; mni_surface_run(bits, limit, gap, &first, &end); first = end)
+        send(r, which, size * first, size * (end - first), (const char *)mirror + size * first);
 }
 
-/* Index list and normals, written where the driver reads them. */
-static bool upload_surface(mni_render *r, const mn_front *front) {
-    uint32_t *index = map(GL_ELEMENT_ARRAY_BUFFER, 12 * (size_t)front->simplex_slots);
-    if (index == NULL)
-        return false;
-    r->triangles = mni_surface_gather(front, index, r->normal);
-    bool good = glUnmapBuffer(GL_ELEMENT_ARRAY_BUFFER);
-    glBindBuffer(GL_ARRAY_BUFFER, r->attribute[NORMAL]);
-    uint32_t *packed = map(GL_ARRAY_BUFFER, 4 * (size_t)front->node_slots);
-    if (packed == NULL)
-        return false;
-    for (uint32_t i = 0; i < front->node_slots; i++)
-        packed[i] = mni_surface_pack(r->normal + 3 * (size_t)i);
-    return glUnmapBuffer(GL_ARRAY_BUFFER) && good;
+/* What lies in mapped buffers is the driver's until the picture is drawn. */
+static void wait_for_drawing(mni_render *r) {
+    if (r->drawn_at == NULL)
+        return;
+    while (glClientWaitSync(r->drawn_at, GL_SYNC_FLUSH_COMMANDS_BIT, WAIT_NS) == GL_TIMEOUT_EXPIRED)
+        continue;
+    glDeleteSync(r->drawn_at);
+    r->drawn_at = NULL;
 }
 
 mn_code mni_render_front(mni_render *r, const mn_front *front, mn_status *st) {
-    MN_ASSERT(front->node_slots <= r->node_slots_max);
-    MN_ASSERT(front->simplex_slots <= r->simplex_slots_max);
-    const size_t most = r->node_slots_max, n = front->node_slots;
-    r->triangles = 0;
-    r->front_colors = r->has_colors && front->color != NULL;
-    if (n == 0 || front->simplex_slots == 0)
-        return MN_OK;
-    glBindVertexArray(r->surface_array);
-    upload(r->attribute[POSITION], front->position, 12 * most, 12 * n);
-    upload(r->attribute[SWITCH_VALUE], front->switch_value, 4 * most, 4 * n);
-    if (r->front_colors)
-        upload(r->attribute[COLOR], front->color, 4 * most, 4 * n);
-    if (!upload_surface(r, front)) {
-        r->triangles = 0;
-        gl_status("handing over the front", st);
-        return mn_fail(st, MN_FAILED, "the driver lost the front's buffers");
-    }
+    mni_surface *m = &r->mirror;
+    r->front_colors = m->color != NULL && front->color != NULL;
+    mni_surface_update(m, front);
+    wait_for_drawing(r);
+    send_new(r, VERTICES, m->vertex_new, m->node_high, m->vertex);
+    send_new(r, NORMALS, m->normal_new, m->node_high, m->normal);
+    if (m->color != NULL)
+        send_new(r, COLORS, m->vertex_new, m->node_high, m->color);
+    send_new(r, INDICES, m->index_new, m->simplex_high, m->index);
+    mni_surface_sent(m);
+    r->stats.fronts++;
     return gl_status("handing over the front", st);
 }
 
@@ -394,11 +436,15 @@ mn_code mni_render_draw(mni_render *r, const mn_camera *camera, const mn_gl_look
     glUseProgram(r->sky);
     glBindVertexArray(r->sky_array);
     glDrawArrays(GL_TRIANGLES, 0, 3);
-    if (r->triangles > 0) {
+    if (r->mirror.triangles > 0) {
         glEnable(GL_DEPTH_TEST);
         use(r, look->wireframe ? &r->wire : &r->surface, camera, look);
         glBindVertexArray(r->surface_array);
-        glDrawElements(GL_TRIANGLES, (GLsizei)(3 * r->triangles), GL_UNSIGNED_INT, NULL);
+        glDrawElements(GL_TRIANGLES, (GLsizei)(3 * r->mirror.simplex_high), GL_UNSIGNED_INT, NULL);
+        if (r->uploads == UPLOAD_MAPPED) {
+            glDeleteSync(r->drawn_at);
+            r->drawn_at = glFenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0);
+        }
     }
     glBindFramebuffer(GL_READ_FRAMEBUFFER, r->drawn.framebuffer);
     glBindFramebuffer(GL_DRAW_FRAMEBUFFER, r->shown.framebuffer);
@@ -424,6 +470,10 @@ mn_code mni_render_pixels(mni_render *r, uint8_t *rgba, mn_status *st) {
     glPixelStorei(GL_PACK_ALIGNMENT, 1);
     glReadPixels(0, 0, (GLsizei)r->width, (GLsizei)r->height, GL_RGBA, GL_UNSIGNED_BYTE, rgba);
     return gl_status("reading the picture", st);
+}
+
+void mni_render_stats(const mni_render *r, mn_gl_stats *out) {
+    *out = r->stats;
 }
 
 const char *mni_render_driver(const mni_render *r) {

@@ -1,46 +1,260 @@
-/* The triangles of a front, as an index list, and smooth normals.
+/* What the driver holds of a front, kept here too, so that only what has changed is sent.
  *
- * Hides how a front's slots become what a renderer draws. Normals are made anew of the active
- * triangles: what is stored with a node describes the input beneath it, not the surface that is
- * drawn. Weights are the areas, so that the slivers of a coarse front hardly count.
- * Pure: any thread, no memory of its own; O(slots). */
+ * Hides how a front's slots become what a renderer draws: a vertex and a normal a node slot, three
+ * indices a simplex slot, three times the same where there is no triangle (empty slots, hinges).
+ *
+ *   front ── pages written since ──> compared with the mirror ──> mirror, and a bit for each
+ *                                                                 vertex, normal and triangle to
+ * send
+ *
+ * Normals are made of the active triangles: what is stored with a node describes the input beneath
+ * it, not the surface that is drawn, and leaves have nothing. Weights are the areas, so that the
+ * slivers of a coarse front hardly count. Sums are integers: what a triangle has added is taken
+ * away again to the bit when it goes, and a sum does not depend on the way to it. So pictures do
+ * not, either.
+ *
+ * Order: open; then update and take, in turn; close. Any one thread. Memory: from malloc at open,
+ * touched as slots are: 44 bytes a node slot (with colours 48), 12 a simplex slot, and bits. An
+ * update is O(written pages × 64 + changes). */
 #include "parts.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
-uint32_t mni_surface_gather(const mn_front *front, uint32_t *index, float *normal) {
-    uint32_t triangles = 0;
-    memset(normal, 0, sizeof(float) * 3 * front->node_slots);
-    for (uint32_t s = 0; s < front->simplex_slots; s++) {
-        const uint32_t *v = front->simplex_node + 3 * (size_t)s;
-        if (v[0] == MN_NONE || v[2] == MN_NONE)
-            continue;
-        memcpy(index + 3 * (size_t)triangles++, v, 3 * sizeof *v);
-        const float *a = front->position + 3 * (size_t)v[0];
-        const float *b = front->position + 3 * (size_t)v[1];
-        const float *c = front->position + 3 * (size_t)v[2];
-        float e[3], f[3];
-        for (int i = 0; i < 3; i++) {
-            e[i] = b[i] - a[i];
-            f[i] = c[i] - a[i];
-        }
-        const float n[3] = {e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2],
-                            e[0] * f[1] - e[1] * f[0]};
-        for (int k = 0; k < 3; k++)
-            for (int i = 0; i < 3; i++)
-                normal[3 * (size_t)v[k] + (size_t)i] += n[i];
-    }
-    return triangles;
+#include "assert.h"
+
+/* A sum's unit: this share of the square of the model's diagonal. A triangle with edges of 10^-6 of
+ * the diagonal still has a direction to 10 bits, and 4,096 as large as the model fit. */
+static const double units_per_square = 0x1p50;
+static const double units_max = 0x1p52;
+
+static inline bool bit_get(const uint64_t *bits, uint32_t i) {
+    return bits[i / 64] >> (i % 64) & 1;
 }
 
-uint32_t mni_surface_pack(const float normal[3]) {
-    /* Doubles: the cross products of a tiny model are below the smallest float when squared. */
-    const double x = normal[0], y = normal[1], z = normal[2];
+static inline void bit_set(uint64_t *bits, uint32_t i) {
+    bits[i / 64] |= UINT64_C(1) << (i % 64);
+}
+
+static inline bool is_triangle(const uint32_t *v) {
+    return v[0] != v[1];
+}
+
+/* ---- open and close -------------------------------------------------------------------------- */
+
+static void *zeroed(size_t count, size_t size) {
+    return calloc(count + 1, size); /* never 0 bytes */
+}
+
+bool mni_surface_open(mni_surface *s, uint32_t node_slots_max, uint32_t simplex_slots_max,
+                      bool has_colors, double diagonal) {
+    const size_t nodes = node_slots_max, simplices = simplex_slots_max;
+    *s = (mni_surface){.node_slots_max = node_slots_max, .simplex_slots_max = simplex_slots_max};
+    s->scale = diagonal > 0 && isfinite(diagonal) ? units_per_square / (diagonal * diagonal) : 1;
+    s->vertex = zeroed(nodes, sizeof *s->vertex);
+    s->color = has_colors ? zeroed(nodes, sizeof *s->color) : NULL;
+    s->normal = zeroed(nodes, sizeof *s->normal);
+    s->sum = zeroed(nodes, sizeof *s->sum);
+    s->index = zeroed(simplices, sizeof *s->index);
+    s->vertex_new = zeroed(nodes / 64 + 1, sizeof *s->vertex_new);
+    s->normal_new = zeroed(nodes / 64 + 1, sizeof *s->normal_new);
+    s->index_new = zeroed(simplices / 64 + 1, sizeof *s->index_new);
+    if (s->vertex != NULL && (s->color != NULL || !has_colors) && s->normal != NULL &&
+        s->sum != NULL && s->index != NULL && s->vertex_new != NULL && s->normal_new != NULL &&
+        s->index_new != NULL)
+        return true;
+    mni_surface_close(s);
+    return false;
+}
+
+void mni_surface_close(mni_surface *s) {
+    free(s->vertex);
+    free(s->color);
+    free(s->normal);
+    free(s->sum);
+    free(s->index);
+    free(s->vertex_new);
+    free(s->normal_new);
+    free(s->index_new);
+    *s = (mni_surface){0};
+}
+
+/* ---- normals --------------------------------------------------------------------------------- */
+
+static int64_t to_units(double x) {
+    return llrint(x < units_max ? (x > -units_max ? x : -units_max) : units_max); /* NaN: max */
+}
+
+/* Adds (sign 1) or takes away (-1) the cross product of the mirror's triangle at its corners. */
+static void count(mni_surface *s, uint32_t simplex, int64_t sign) {
+    const uint32_t *v = s->index[simplex];
+    const float *a = s->vertex[v[0]], *b = s->vertex[v[1]], *c = s->vertex[v[2]];
+    double e[3], f[3];
+    for (int i = 0; i < 3; i++) {
+        e[i] = (double)b[i] - (double)a[i];
+        f[i] = (double)c[i] - (double)a[i];
+    }
+    const int64_t n[3] = {sign * to_units(s->scale * (e[1] * f[2] - e[2] * f[1])),
+                          sign * to_units(s->scale * (e[2] * f[0] - e[0] * f[2])),
+                          sign * to_units(s->scale * (e[0] * f[1] - e[1] * f[0]))};
+    for (int k = 0; k < 3; k++) {
+        for (int i = 0; i < 3; i++) /* round and round: only shading is at stake */
+            s->sum[v[k]][i] = (int64_t)((uint64_t)s->sum[v[k]][i] + (uint64_t)n[i]);
+        bit_set(s->normal_new, v[k]);
+    }
+    s->triangles += (uint32_t)sign;
+}
+
+uint32_t mni_surface_pack(const int64_t sum[3]) {
+    const double x = (double)sum[0], y = (double)sum[1], z = (double)sum[2];
     const double length = sqrt(x * x + y * y + z * z);
-    if (!(length > 0) || !isfinite(length))
+    if (!(length > 0))
         return 0;
     const double scale = 511 / length;
     return ((uint32_t)lrint(x * scale) & 1023) | ((uint32_t)lrint(y * scale) & 1023) << 10 |
            ((uint32_t)lrint(z * scale) & 1023) << 20;
+}
+
+/* ---- update ---------------------------------------------------------------------------------- */
+
+/* What is not stamped is as the mirror has it only if the mirror is of this front. */
+static bool must_look(const mni_surface *s, const mn_front *front, const uint32_t *stamp,
+                      uint32_t page) {
+    return stamp == NULL || front->position != s->source || front->version < s->version ||
+           front->version - s->version >= UINT32_C(1) << 31 ||
+           mn_front_written(stamp[page], s->version);
+}
+
+static bool vertex_differs(const mni_surface *s, const mn_front *front, uint32_t slot) {
+    const float *p = front->position + 3 * (size_t)slot, *have = s->vertex[slot];
+    return memcmp(p, have, 3 * sizeof *p) != 0 ||
+           memcmp(&front->switch_value[slot], &have[3], sizeof *have) != 0 ||
+           (s->color != NULL && front->color != NULL && front->color[slot] != s->color[slot]);
+}
+
+static void find_vertices(mni_surface *s, const mn_front *front) {
+    for (uint32_t slot = 0; slot < front->node_slots; slot++) {
+        if (slot % MN_FRONT_PAGE == 0 &&
+            !must_look(s, front, front->node_stamp, slot / MN_FRONT_PAGE))
+            slot += MN_FRONT_PAGE - 1;
+        else if (vertex_differs(s, front, slot))
+            bit_set(s->vertex_new, slot);
+    }
+}
+
+static void wanted(const mn_front *front, uint32_t simplex, uint32_t v[3]) {
+    const uint32_t *node = front->simplex_node + 3 * (size_t)simplex;
+    if (simplex >= front->simplex_slots || node[0] == MN_NONE || node[2] == MN_NONE)
+        v[0] = v[1] = v[2] = 0;
+    else
+        memcpy(v, node, 3 * sizeof *v);
+}
+
+/* Takes away what old triangles have added, while the mirror still has their corners. */
+static void find_triangles(mni_surface *s, const mn_front *front) {
+    for (uint32_t i = 0; i < s->simplex_high; i++) {
+        if (i % MN_FRONT_PAGE == 0 && i + MN_FRONT_PAGE <= front->simplex_slots &&
+            !must_look(s, front, front->simplex_stamp, i / MN_FRONT_PAGE)) {
+            i += MN_FRONT_PAGE - 1;
+            continue;
+        }
+        uint32_t v[3];
+        wanted(front, i, v);
+        if (memcmp(v, s->index[i], sizeof v) == 0 &&
+            (!is_triangle(v) || !(bit_get(s->vertex_new, v[0]) || bit_get(s->vertex_new, v[1]) ||
+                                  bit_get(s->vertex_new, v[2]))))
+            continue;
+        bit_set(s->index_new, i);
+        if (is_triangle(s->index[i]))
+            count(s, i, -1);
+    }
+}
+
+static void take_vertex(mni_surface *s, const mn_front *front, uint32_t slot) {
+    memcpy(s->vertex[slot], front->position + 3 * (size_t)slot, 3 * sizeof(float));
+    s->vertex[slot][3] = front->switch_value[slot];
+    if (s->color != NULL && front->color != NULL)
+        s->color[slot] = front->color[slot];
+}
+
+/* What the driver has never been sent is not what the mirror begins with. */
+static void grow(mni_surface *s, const mn_front *front) {
+    s->node_fresh = s->node_high;
+    for (; s->node_high < front->node_slots; s->node_high++) {
+        bit_set(s->vertex_new, s->node_high);
+        bit_set(s->normal_new, s->node_high);
+    }
+    for (; s->simplex_high < front->simplex_slots; s->simplex_high++)
+        bit_set(s->index_new, s->simplex_high);
+}
+
+static void make_normal(mni_surface *s, uint32_t slot) {
+    const uint32_t normal = mni_surface_pack(s->sum[slot]);
+    if (normal == s->normal[slot] && slot < s->node_fresh)
+        s->normal_new[slot / 64] &= ~(UINT64_C(1) << (slot % 64));
+    s->normal[slot] = normal;
+}
+
+void mni_surface_update(mni_surface *s, const mn_front *front) {
+    MN_ASSERT(front->node_slots <= s->node_slots_max);
+    MN_ASSERT(front->simplex_slots <= s->simplex_slots_max);
+    MN_ASSERT(!s->pending);
+    uint32_t at = 0, end;
+    grow(s, front);
+    find_vertices(s, front);
+    find_triangles(s, front);
+    for (; mni_surface_run(s->vertex_new, s->node_high, 0, &at, &end);)
+        for (; at < end; at++)
+            take_vertex(s, front, at);
+    for (at = 0; mni_surface_run(s->index_new, s->simplex_high, 0, &at, &end);)
+        for (; at < end; at++) {
+            wanted(front, at, s->index[at]);
+            if (is_triangle(s->index[at]))
+                count(s, at, 1);
+        }
+    for (at = 0; mni_surface_run(s->normal_new, s->node_high, 0, &at, &end);)
+        for (; at < end; at++)
+            make_normal(s, at);
+    s->source = front->position;
+    s->version = front->version;
+    s->pending = true;
+}
+
+void mni_surface_sent(mni_surface *s) {
+    memset(s->vertex_new, 0, (s->node_high / 64 + 1) * sizeof *s->vertex_new);
+    memset(s->normal_new, 0, (s->node_high / 64 + 1) * sizeof *s->normal_new);
+    memset(s->index_new, 0, (s->simplex_high / 64 + 1) * sizeof *s->index_new);
+    s->pending = false;
+}
+
+/* ---- runs of bits ---------------------------------------------------------------------------- */
+
+/* The first bit at or after `from` that is set (flip 0) or clear (flip all ones); limit if none. */
+static uint32_t next(const uint64_t *bits, uint64_t flip, uint32_t from, uint32_t limit) {
+    if (from >= limit)
+        return limit;
+    uint32_t word = from / 64;
+    uint64_t found = (bits[word] ^ flip) & UINT64_MAX << (from % 64);
+    while (found == 0 && ++word <= (limit - 1) / 64)
+        found = bits[word] ^ flip;
+    const uint32_t at = found != 0 ? 64 * word + (uint32_t)__builtin_ctzll(found) : limit;
+    return at < limit ? at : limit;
+}
+
+bool mni_surface_run(const uint64_t *bits, uint32_t limit, uint32_t gap, uint32_t *first,
+                     uint32_t *end) {
+    *first = next(bits, 0, *first, limit);
+    if (*first == limit)
+        return false;
+    *end = next(bits, UINT64_MAX, *first, limit);
+    for (uint32_t more; (more = next(bits, 0, *end, limit)) < limit && more - *end <= gap;)
+        *end = next(bits, UINT64_MAX, more, limit);
+    return true;
+}
+
+void mni_surface_all(uint64_t *bits, uint32_t limit) {
+    memset(bits, 0xff, limit / 64 * sizeof *bits);
+    if (limit % 64 != 0)
+        bits[limit / 64] |= UINT64_MAX >> (64 - limit % 64);
 }

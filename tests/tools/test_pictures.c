@@ -126,7 +126,9 @@ START_TEST(replays_with_pictures) {
     if (no_egl)
         return;
     run("replay ../globe.mnt --path dive --frames 7 --images frames --images-every 3 "
-        "--size 64x48 --store resident");
+        "--size 64x48 --store resident --json");
+    ck_assert_ptr_nonnull(strstr(output(), "\"gl_fronts\": 3,"));
+    ck_assert_ptr_nonnull(strstr(output(), "\"gl_sent_bytes\": "));
     static const int there[] = {0, 3, 6}, missing[] = {1, 2, 4, 5, 7};
     char name[96];
     for (int i = 0; i < 3; i++) {
