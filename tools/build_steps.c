@@ -131,6 +131,8 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
     if (b->block.block_bytes != 0 && b->block.blocking != MN_BLOCKING_PACKED)
         return cli_error(MN_USAGE, "%s: --block-bytes is for --blocking packed", b->command);
     b->in = argv[optind];
+    if (cli_output(b->command, b->out, b->in) != MN_OK)
+        return MN_USAGE;
     if (b->ram_bytes == 0)
         b->ram_bytes = cli_default_ram_bytes();
     cli_interrupts_catch();

@@ -110,6 +110,16 @@ void cli_interrupts_catch(void) {
     struct sigaction action = {.sa_handler = interrupt, .sa_flags = (int)SA_RESETHAND};
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGHUP, &action, NULL);
+}
+
+mn_code cli_output(const char *command, const char *out, const char *in) {
+    struct stat to, from;
+    if (out == NULL || in == NULL || stat(out, &to) != 0 || stat(in, &from) != 0 ||
+        to.st_dev != from.st_dev || to.st_ino != from.st_ino)
+        return MN_OK;
+    return (mn_code)cli_error(MN_USAGE, "%s: %s would be written over what is read; name another",
+                              command, out);
 }
 
 static mn_code not_written(const char *what, const char *path, mn_status *st) {

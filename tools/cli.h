@@ -51,10 +51,13 @@ typedef struct cli_meter {
 } cli_meter;
 bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t total);
 void cli_progress_end(void *context);
-/* From now on the first SIGINT or SIGTERM makes cli_progress ask for an end, so that work stops in
+/* From now on the first SIGINT, SIGTERM or SIGHUP makes cli_progress ask for an end, so that work stops in
  * order and temporary files go; a second one kills. */
 void cli_interrupts_catch(void);
 
+/* MN_USAGE, and said, where the output is the input: by whatever name, or link. Either may be NULL.
+ */
+mn_code cli_output(const char *command, const char *out, const char *in);
 /* Right after something was written to the file: MN_OK, or what went wrong. what: the option. */
 mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *st);
 /* The same of what is still buffered; and closes it. */

@@ -95,6 +95,8 @@ int cmd_extract(int argc, char **argv) {
         return cli_error(MN_USAGE, "extract: give one of --full, --triangles N, --error E");
     if (out == NULL)
         return cli_error(MN_USAGE, "extract: where to? give -o OUT.ply");
+    if (cli_output("extract", out, argv[optind]) != MN_OK)
+        return MN_USAGE;
     mn_status st = {0};
     extract(argv[optind], out, &desc, as_json, &st);
     return cli_status(&st);

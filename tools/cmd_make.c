@@ -30,6 +30,8 @@ static int make_subdivide(int argc, char **argv, uint64_t times, const char *out
         return cli_error(MN_USAGE, "make subdivide: give one mesh file to subdivide");
     if (times == 0)
         return cli_error(MN_USAGE, "make subdivide: how often? give --times N");
+    if (cli_output("make subdivide", out, argv[1]) != MN_OK)
+        return MN_USAGE;
     if (mn_mesh_read(argv[1], &read, &in, &st) != MN_OK)
         return cli_status(&st);
     mn_code code = mn_openmesh_subdivide(&in, (uint32_t)times, NULL, &fine, &st);

@@ -106,6 +106,9 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
     *code = session_options_file(&r->options, argc, argv);
     if (*code == MN_OK && r->options.path_name == NULL)
         *code = cli_error(MN_USAGE, "replay: which --path? orbit, dive, flyover, or a path file");
+    const char *const outputs[] = {r->csv_name, r->trace_name};
+    for (int i = 0; i < 2 && *code == MN_OK; i++)
+        *code = session_options_output(&r->options, argv[0], outputs[i]);
     return *code == MN_OK;
 }
 

@@ -75,7 +75,8 @@ static int read_options(shoot *s, int argc, char **argv, bool *done) {
     }
     if (s->out == NULL)
         return cli_error(MN_USAGE, "shoot: where to? give -o OUT.png");
-    return session_options_file(&s->session, argc, argv);
+    code = session_options_file(&s->session, argc, argv);
+    return code == MN_OK ? session_options_output(&s->session, argv[0], s->out) : code;
 }
 
 static mn_code frame_camera(const shoot *s, const mn_header *header, mn_camera *out,

@@ -148,3 +148,8 @@ int session_options_file(session_options *o, int argc, char **argv) {
     o->desc.path = argv[optind];
     return MN_OK;
 }
+
+int session_options_output(const session_options *o, const char *command, const char *out) {
+    mn_code code = cli_output(command, out, o->desc.path);
+    return code == MN_OK ? cli_output(command, out, o->path_name) : code;
+}

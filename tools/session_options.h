@@ -70,6 +70,8 @@ void session_options_init(session_options *o);
  * been reported. */
 bool session_options_take(session_options *o, const char *command, int option, const char *value,
                           int *code);
+/* MN_USAGE, and said, where an output (NULL: none) would go over FILE or the path. */
+int session_options_output(const session_options *o, const char *command, const char *out);
 /* The one FILE after the options. MN_USAGE when there is none or more than one: reported. */
 int session_options_file(session_options *o, int argc, char **argv);
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Goal: nothing that a file, a disk or a user does wrong crashes the program, hangs it, fills the memory
+# Goal: nothing that a file or a user does wrong crashes the program, hangs it, fills the memory
 # or leaves half a file behind; each gets its exit code and one line that names the place.
 # Method: more than a hundred malformed inputs of every format under two seconds and 64 MB; a .mnt and a
-# .vdt damaged field by field, without and with good checksums; a full disk; caps and options.
+# .vdt damaged field by field, without and with good checksums; caps and options.
 # e2e_hostile.sh [BUILD [PART …]]      MN_SEED replays the random part
 source "$(dirname "$0")/e2e_lib.sh"
 source "$(dirname "$0")/e2e_shapes.sh"
@@ -494,43 +494,7 @@ vdt_files() {
     done
 }
 
-# ---- disks, caps, options ---------------------------------------------------------------------------
-
-# still NAME FILE: what stood there before a failed write stands there yet, and nothing beside it.
-still() {
-    check "$1: the old file stands" grep -q '^the old file$' "$2"
-    check "$1: nothing is left behind" test "$(ls -A "$(dirname "$2")")" = "$(basename "$2")"
-}
-
-disks() {
-    local command target
-    mkdir shut tiny
-    if [[ $(id -u) -ne 0 ]]; then
-        chmod 555 shut
-        expect 1 "a folder that may not be written" build good.obj -o shut/x.mnt && one_line "shut" shut/x.mnt
-        chmod 755 shut
-    fi
-    for target in folder nowhere/x.mnt /dev/full; do
-        expect 1,2 "output $target" build good.obj -o "$target" && one_line "output $target" "$target"
-    done
-    check "a device stays a device" test -c /dev/full
-    expect 1,4 "csv to a full device" replay hills.mnt --path orbit --frames 50 --fps 0 --csv /dev/full &&
-        one_line "csv to a full device" /dev/full
-    if ! mount -t tmpfs -o size=128k none tiny 2>/dev/null; then
-        skip "a full disk: this needs to mount a tmpfs"
-        return
-    fi
-    for command in "build ball.ply -o" "simplify ball.ply -o" "block tree.vdt -o" "extract hills.mnt --full -o" \
-        "make sphere --triangles 20000 -o"; do
-        echo 'the old file' >tiny/out
-        # shellcheck disable=SC2086
-        [[ $command != "build ball"* && $command != simplify* ]] || head -c 115000 /dev/zero >tiny/full
-        expect 4 "a full disk: $command" $command tiny/out && one_line "a full disk: $command" tiny/out space
-        rm -f tiny/full
-        still "a full disk: $command" tiny/out
-    done
-    umount tiny
-}
+# ---- caps, options ---------------------------------------------------------------------------
 
 # smallest NAME: the size that the last error names.
 smallest() { grep -oE '[0-9]+(\.[0-9]+)?[KMG]?' <<<"$(grep -oE -- '--ram [0-9.]+[KMG]?' "$err" | tail -1)"; }
@@ -637,7 +601,7 @@ expect 0 hills simplify hills.ply -o tree.vdt || finish
 limits_on
 shift || true
 [[ $# -gt 0 ]] || set -- ply_texts binary_files other_texts not_meshes mnt_header mnt_cut damaged_block \
-    lying_blocks random_lies vdt_files disks caps wrong_usage
+    lying_blocks random_lies vdt_files caps wrong_usage
 for name in "$@"; do
     part "$name"
 done
