@@ -24,6 +24,17 @@ typedef struct mni_simplex {
     uint32_t killed; /* the collapse that made it degenerate; MN_NONE: alive */
 } mni_simplex;
 
+/* v's corner of a triangle, and the other two in its direction. No branch: which corner it is
+ * cannot be predicted. */
+typedef struct mni_corner {
+    uint32_t at, next, previous;
+} mni_corner;
+
+static inline mni_corner mni_simplex_corner(const mni_simplex *x, uint32_t v) {
+    uint32_t at = (x->v[1] == v) + 2u * (x->v[2] == v);
+    return (mni_corner){at, x->v[9u >> 2 * at & 3], x->v[18u >> 2 * at & 3]}; /* 1 2 0, 2 0 1 */
+}
+
 typedef struct mni_fan {
     uint32_t first, count, room; /* in the pool */
 } mni_fan;

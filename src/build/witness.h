@@ -6,7 +6,7 @@
  * loses the one that is nearer to the surface, so that what stays is spread out and far off.
  *
  *   leaf: its own position and the centres of the input triangles that it answers for
- *   node: at most MNI_WITNESSES, from a pool; the sets of two children become their parent's
+ *   node: at most MNI_WITNESSES; the sets of two children become their parent's
  *
  * Witnesses are samples, and they see nothing where the new triangles lie across the old edges. So
  * the middle of each old edge r–n is measured too: it counts for the new node, and for n, whose
@@ -24,11 +24,10 @@
 
 enum { MNI_WITNESSES = 8 };
 
+/* Two lines of the cache. */
 typedef struct mni_witnesses {
-    float point[MNI_WITNESSES][3];
-    float slack[MNI_WITNESSES];
-    uint32_t count;
-    uint32_t next_free;
+    float x[MNI_WITNESSES], y[MNI_WITNESSES], z[MNI_WITNESSES];
+    float slack[MNI_WITNESSES]; /* below 0: there is no such witness */
 } mni_witnesses;
 
 typedef struct mni_witness_book {
@@ -36,10 +35,10 @@ typedef struct mni_witness_book {
     uint32_t *set; /* a vertex: its node's set; MN_NONE: a leaf still */
     float *value;  /* a vertex: its node's switch value, which may still rise */
     mni_witnesses *sets;
-    uint32_t sets_count, sets_room, free_set;
+    uint32_t sets_count;
     uint32_t *own_start; /* a vertex: in own[], the input triangles that it answers for */
     uint32_t *own;
-    struct mni_star *star; /* scratch */
+    struct mni_bench *bench; /* scratch */
     bool no_memory;
 } mni_witness_book;
 

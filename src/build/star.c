@@ -1,0 +1,159 @@
+/* See star.h. Hidden here: how the nearest place of a triangle is found, and on how many points at
+ * a time. */
+#include "star.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* (k, a, b) as the edges from k, and what projecting on them needs. */
+struct mni_star_triangle {
+    float a[3], b[3], ab[3];
+    float aa, bb, a_dot_b;
+    float aa_inverse, ab_inverse; /* of squared lengths; 0: an edge without length */
+    float area_inverse;           /* 1 / (aa·bb − (a·b)²); 0: a triangle without area */
+};
+
+/* Ends are counted as hashes: a fan whose ends differ passes for closed with a chance of 2^-32, and
+ * then a distance to one edge is too large, never too small. */
+#define SCATTER 0x9e3779b1u
+
+static inline float clamp01(float t) {
+    return t < 0 ? 0 : t > 1 ? 1 : t;
+}
+
+/* To the plane where a point lies above the triangle, otherwise to the nearest edge. Remainders are
+ * formed before they are squared: the other way round loses half of the digits. Loops over lanes
+ * are written for the compiler to make vectors of. */
+static inline __attribute__((always_inline)) void measure(const mni_star_triangle *triangle,
+                                                          uint32_t count, mni_points *points) {
+    for (uint32_t at = 0; at < points->count; at += MNI_LANES) {
+        const float *x = &points->x[at], *y = &points->y[at], *z = &points->z[at];
+        float least[MNI_LANES];
+        for (int l = 0; l < MNI_LANES; l++)
+            least[l] = INFINITY;
+        for (const mni_star_triangle *t = triangle; t < triangle + count; t++)
+            for (int l = 0; l < MNI_LANES; l++) {
+                float pa = x[l] * t->a[0] + y[l] * t->a[1] + z[l] * t->a[2];
+                float pb = x[l] * t->b[0] + y[l] * t->b[1] + z[l] * t->b[2];
+                float u = (t->bb * pa - t->a_dot_b * pb) * t->area_inverse;
+                float v = (t->aa * pb - t->a_dot_b * pa) * t->area_inverse;
+                bool above = (u >= 0) & (v >= 0) & (u + v <= 1) & (t->area_inverse > 0);
+                float dx = x[l] - u * t->a[0] - v * t->b[0];
+                float dy = y[l] - u * t->a[1] - v * t->b[1];
+                float dz = z[l] - u * t->a[2] - v * t->b[2];
+                float plane = dx * dx + dy * dy + dz * dz;
+                float on_a = clamp01(pa * t->aa_inverse);
+                dx = x[l] - on_a * t->a[0];
+                dy = y[l] - on_a * t->a[1];
+                dz = z[l] - on_a * t->a[2];
+                float edge_a = dx * dx + dy * dy + dz * dz;
+                float qx = x[l] - t->a[0], qy = y[l] - t->a[1], qz = z[l] - t->a[2];
+                float on_ab =
+                    clamp01((qx * t->ab[0] + qy * t->ab[1] + qz * t->ab[2]) * t->ab_inverse);
+                dx = qx - on_ab * t->ab[0];
+                dy = qy - on_ab * t->ab[1];
+                dz = qz - on_ab * t->ab[2];
+                float edge_ab = dx * dx + dy * dy + dz * dz;
+                float edge = edge_a < edge_ab ? edge_a : edge_ab;
+                float distance2 = above ? plane : edge;
+                least[l] = least[l] < distance2 ? least[l] : distance2;
+            }
+        for (int l = 0; l < MNI_LANES; l++)
+            points->distance[at + l] = sqrtf(least[l]);
+    }
+}
+
+static void measure_narrow(const mni_star_triangle *triangle, uint32_t count, mni_points *points) {
+    measure(triangle, count, points);
+}
+
+#ifdef __x86_64__
+__attribute__((target("avx2"))) static void measure_wide(const mni_star_triangle *triangle,
+                                                         uint32_t count, mni_points *points) {
+    measure(triangle, count, points);
+}
+#endif
+
+void mni_star_open(mni_star *star) {
+    *star = (mni_star){.measure = measure_narrow};
+#ifdef __x86_64__
+    if (__builtin_cpu_supports("avx2"))
+        star->measure = measure_wide;
+#endif
+}
+
+void mni_star_close(mni_star *star) {
+    free(star->triangle);
+    memset(star, 0, sizeof *star);
+}
+
+static inline float dot3(const float *a, const float *b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static inline float inverse(float x) {
+    return x > FLT_MIN ? 1 / x : 0;
+}
+
+static void prepare(mni_star_triangle *t, const float *k, const float *a, const float *b) {
+    for (int i = 0; i < 3; i++) {
+        t->a[i] = a[i] - k[i];
+        t->b[i] = b[i] - k[i];
+        t->ab[i] = b[i] - a[i];
+    }
+    t->aa = dot3(t->a, t->a);
+    t->bb = dot3(t->b, t->b);
+    t->a_dot_b = dot3(t->a, t->b);
+    float area = t->aa * t->bb - t->a_dot_b * t->a_dot_b;
+    t->aa_inverse = inverse(t->aa);
+    t->ab_inverse = inverse(dot3(t->ab, t->ab));
+    t->area_inverse = area > 1e-10f * t->aa * t->bb ? 1 / area : 0;
+}
+
+static uint32_t scatter(uint32_t v) {
+    return (v * SCATTER) ^ (v * SCATTER >> 15);
+}
+
+/* A triangle's distance looks at its edges k–a and a–b. In a closed, oriented fan its k–b is the
+ * next one's k–a; in others every k–b is added as a triangle without area. */
+bool mni_star_take(mni_star *star, mni_surface *s, uint32_t k) {
+    uint32_t count, unpaired = 0;
+    const uint32_t *fan = mni_surface_fan(s, k, &count);
+    star->count = 0;
+    if (2 * count > star->room) {
+        free(star->triangle);
+        star->room = 0;
+        star->triangle = malloc(4 * (size_t)count * sizeof *star->triangle);
+        if (star->triangle == NULL)
+            return false;
+        star->room = 4 * count;
+    }
+    const float *at_k = &s->position[3 * (size_t)k];
+    for (int pass = 0; pass == 0 || (pass == 1 && unpaired != 0); pass++)
+        for (uint32_t i = 0; i < count; i++) {
+            const mni_simplex *x = &s->simplex[fan[i]];
+            if (x->v[2] == MN_NONE)
+                continue;
+            mni_corner c = mni_simplex_corner(x, k);
+            const float *a = &s->position[3 * (size_t)c.next];
+            const float *b = &s->position[3 * (size_t)c.previous];
+            prepare(&star->triangle[star->count++], at_k, pass == 0 ? a : b, b);
+            unpaired += pass == 0 ? scatter(c.next) - scatter(c.previous) : 0;
+        }
+    return true;
+}
+
+void mni_star_measure(const mni_star *star, mni_points *points) {
+    uint32_t n = points->count;
+    if (star->count > 0) {
+        for (uint32_t i = n; i % MNI_LANES != 0; i++)
+            points->x[i] = points->y[i] = points->z[i] = 0;
+        star->measure(star->triangle, star->count, points);
+        return;
+    }
+    for (uint32_t i = 0; i < n; i++)
+        points->distance[i] = sqrtf(points->x[i] * points->x[i] + points->y[i] * points->y[i] +
+                                    points->z[i] * points->z[i]);
+}

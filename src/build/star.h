@@ -1,0 +1,38 @@
+/* Distances from points to the star of a vertex: its triangles, now.
+ *
+ * The star is taken once, then measured from many points, so lanes are points and triangles come
+ * one after another. All coordinates are relative to the vertex, so that floats keep the digits
+ * that matter. The same bits on every machine and at every width: no fused operations, and the
+ * least of the distances is the least in any order. One thread; memory: the largest star met. */
+#ifndef MNI_STAR_H
+#define MNI_STAR_H
+
+#include "surface.h"
+
+enum {
+    MNI_LANES = 8,   /* a register of AVX2, two of SSE2 */
+    MNI_POINTS = 80, /* two leaves' points, or a ring's worth */
+};
+
+typedef struct mni_points {
+    float x[MNI_POINTS], y[MNI_POINTS], z[MNI_POINTS];
+    float distance[MNI_POINTS];
+    uint32_t count;
+} mni_points;
+
+typedef struct mni_star_triangle mni_star_triangle;
+
+typedef struct mni_star {
+    mni_star_triangle *triangle;
+    uint32_t count, room;
+    void (*measure)(const mni_star_triangle *triangle, uint32_t count, mni_points *points);
+} mni_star;
+
+void mni_star_open(mni_star *star);
+void mni_star_close(mni_star *star);
+/* k's triangles, and their edges. False: no memory. */
+bool mni_star_take(mni_star *star, mni_surface *surface, uint32_t k);
+/* Fills distance[0 … count): to the nearest place of the star, or to k where it has no triangle. */
+void mni_star_measure(const mni_star *star, mni_points *points);
+
+#endif
