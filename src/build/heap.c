@@ -1,13 +1,15 @@
-/* See heap.h. */
+/* See heap.h. Which of a node's children is least cannot be predicted: it is chosen without a
+ * branch. */
 #include "heap.h"
 
 #include <stdlib.h>
-#include <string.h>
 
-enum { ARITY = 4 };
+enum { ARITY = 4, LINE_BYTES = ARITY * sizeof(mni_heap_item) };
 
 bool mni_heap_open(mni_heap *h, uint32_t vertices) {
-    *h = (mni_heap){.item = malloc((size_t)vertices * sizeof *h->item),
+    size_t lines = (size_t)vertices / ARITY + 2;
+    mni_heap_item *line = aligned_alloc(LINE_BYTES, lines * LINE_BYTES);
+    *h = (mni_heap){.item = line != NULL ? line + ARITY - 1 : NULL,
                     .at = malloc((size_t)vertices * sizeof *h->at)};
     if (h->item == NULL || h->at == NULL) {
         mni_heap_close(h);
@@ -18,16 +20,17 @@ bool mni_heap_open(mni_heap *h, uint32_t vertices) {
 }
 
 void mni_heap_close(mni_heap *h) {
-    free(h->item);
+    if (h->item != NULL)
+        free(h->item - (ARITY - 1));
     free(h->at);
     memset(h, 0, sizeof *h);
 }
 
-static bool less(mni_heap_item a, mni_heap_item b) {
-    return mni_heap_key_less(a.key, a.vertex, b.key, b.vertex);
+static inline bool less(const mni_heap_item *a, const mni_heap_item *b) {
+    return mni_heap_key_less(a->key, a->vertex, b->key, b->vertex);
 }
 
-static void put(mni_heap *h, uint32_t i, mni_heap_item item) {
+static inline void put(mni_heap *h, uint32_t i, mni_heap_item item) {
     h->item[i] = item;
     h->at[item.vertex] = i;
 }
@@ -35,7 +38,7 @@ static void put(mni_heap *h, uint32_t i, mni_heap_item item) {
 static void up(mni_heap *h, uint32_t i, mni_heap_item item) {
     while (i > 0) {
         uint32_t parent = (i - 1) / ARITY;
-        if (!less(item, h->item[parent]))
+        if (!less(&item, &h->item[parent]))
             break;
         put(h, i, h->item[parent]);
         i = parent;
@@ -43,20 +46,26 @@ static void up(mni_heap *h, uint32_t i, mni_heap_item item) {
     put(h, i, item);
 }
 
+static inline const mni_heap_item *lesser(const mni_heap_item *a, const mni_heap_item *b) {
+    return less(b, a) ? b : a;
+}
+
 static void down(mni_heap *h, uint32_t i, mni_heap_item item) {
     for (;;) {
         uint64_t first = (uint64_t)i * ARITY + 1;
-        if (first >= h->count)
+        const mni_heap_item *child = &h->item[first], *best = child;
+        if (first + ARITY <= h->count)
+            best = lesser(lesser(child, child + 1), lesser(child + 2, child + 3));
+        else if (first < h->count)
+            for (uint64_t c = 1; first + c < h->count; c++)
+                best = lesser(best, child + c);
+        else
             break;
-        uint32_t end = first + ARITY < h->count ? (uint32_t)first + ARITY : h->count;
-        uint32_t best = (uint32_t)first;
-        for (uint32_t c = best + 1; c < end; c++)
-            if (less(h->item[c], h->item[best]))
-                best = c;
-        if (!less(h->item[best], item))
+        if (!less(best, &item))
             break;
-        put(h, i, h->item[best]);
-        i = best;
+        uint32_t at = (uint32_t)(best - h->item);
+        put(h, i, *best);
+        i = at;
     }
     put(h, i, item);
 }
@@ -66,7 +75,7 @@ void mni_heap_set(mni_heap *h, uint32_t vertex, mni_heap_key key) {
     mni_heap_item item = {key, vertex};
     if (i == UINT32_MAX)
         up(h, h->count++, item);
-    else if (less(item, h->item[i]))
+    else if (less(&item, &h->item[i]))
         up(h, i, item);
     else
         down(h, i, item);
@@ -80,7 +89,7 @@ void mni_heap_remove(mni_heap *h, uint32_t vertex) {
     h->at[vertex] = UINT32_MAX;
     if (last.vertex == vertex)
         return;
-    if (less(last, gone))
+    if (less(&last, &gone))
         up(h, i, last);
     else
         down(h, i, last);

@@ -9,7 +9,8 @@
 
 /* k's fan is walked whole for the link condition up to this length; a longer one (a pole) is asked
  * about each ring vertex instead, through that vertex's own, shorter list. */
-enum { SHORT_FAN = 48 };
+enum { SHORT_FAN = 48, RING_ROOM = 64 };
+_Static_assert((int)RING_ROOM >= (int)MNI_WHEEL_MAX, "a wheel's ring fits");
 
 static void cross(const float *o, const float *a, const float *b, double n[3]) {
     double ax = (double)a[0] - o[0], ay = (double)a[1] - o[1], az = (double)a[2] - o[2];
@@ -24,11 +25,12 @@ static double dot(const double *a, const double *b) {
 }
 
 mn_code mni_judge_open(mni_judge *j, const mn_mesh *mesh, mn_status *st) {
-    *j = (mni_judge){.ring_room = 64};
+    *j = (mni_judge){.ring_room = RING_ROOM};
     j->normal = malloc((size_t)mesh->triangles * 3 * sizeof *j->normal);
     j->seen = calloc(mesh->vertices, sizeof *j->seen);
     j->ring = malloc(j->ring_room * sizeof *j->ring);
-    if (j->normal == NULL || j->seen == NULL || j->ring == NULL) {
+    j->around = malloc(j->ring_room * sizeof *j->around);
+    if (j->normal == NULL || j->seen == NULL || j->ring == NULL || j->around == NULL) {
         mni_judge_close(j);
         return mn_fail(st, MN_FAILED, "out of memory while simplifying %u triangles",
                        mesh->triangles);
@@ -49,7 +51,22 @@ void mni_judge_close(mni_judge *j) {
     free(j->normal);
     free(j->seen);
     free(j->ring);
+    free(j->around);
     memset(j, 0, sizeof *j);
+}
+
+static bool ring_grow(mni_judge *j) {
+    size_t room = 2 * (size_t)j->ring_room;
+    mni_ring_vertex *ring = realloc(j->ring, room * sizeof *ring);
+    if (ring == NULL)
+        return false;
+    j->ring = ring;
+    uint32_t *around = realloc(j->around, room * sizeof *around);
+    if (around == NULL)
+        return false;
+    j->around = around;
+    j->ring_room = (uint32_t)room;
+    return true;
 }
 
 /* The ring vertex of `vertex`, made if it is new. */
@@ -57,17 +74,13 @@ static uint32_t ring_at(mni_judge *j, uint32_t vertex) {
     uint64_t seen = j->seen[vertex];
     if (seen >> 32 == j->epoch)
         return (uint32_t)seen;
-    if (j->ring_count == j->ring_room) {
-        mni_ring_vertex *ring = realloc(j->ring, 2 * (size_t)j->ring_room * sizeof *ring);
-        if (ring == NULL) {
-            j->no_memory = true;
-            return 0;
-        }
-        j->ring = ring;
-        j->ring_room *= 2;
+    if (j->ring_count == j->ring_room && !ring_grow(j)) {
+        j->no_memory = true;
+        return 0;
     }
     uint32_t at = j->ring_count++;
-    j->ring[at] = (mni_ring_vertex){.vertex = vertex, .group = at};
+    j->around[at] = vertex;
+    j->ring[at] = (mni_ring_vertex){.group = at};
     j->seen[vertex] = (uint64_t)j->epoch << 32 | at;
     return at;
 }
@@ -88,25 +101,21 @@ static void new_epoch(mni_judge *j, uint32_t vertices) {
     j->ring_count = 0;
 }
 
-/* Which corner v is. */
-static int corner_of(const mni_simplex *x, uint32_t v) {
-    return x->v[0] == v ? 0 : x->v[1] == v ? 1 : 2;
-}
-
 void mni_judge_ring(mni_judge *j, mni_surface *s, uint32_t v) {
     uint32_t count;
     const uint32_t *fan = mni_surface_fan(s, v, &count);
     new_epoch(j, s->vertices);
+    j->round = false;
     for (uint32_t i = 0; i < count; i++) {
         const mni_simplex *x = &s->simplex[fan[i]];
-        int c = corner_of(x, v);
+        mni_corner c = mni_simplex_corner(x, v);
         if (x->v[2] == MN_NONE) {
-            uint32_t at = ring_at(j, x->v[1 - c]);
+            uint32_t at = ring_at(j, x->v[1 - c.at]);
             j->ring[at].hinges++;
             continue;
         }
-        uint32_t a = ring_at(j, x->v[c == 2 ? 0 : c + 1]);
-        uint32_t b = ring_at(j, x->v[c == 0 ? 2 : c - 1]);
+        uint32_t a = ring_at(j, c.next);
+        uint32_t b = ring_at(j, c.previous);
         j->ring[a].triangles++;
         j->ring[a].balance++;
         j->ring[b].triangles++;
@@ -114,6 +123,38 @@ void mni_judge_ring(mni_judge *j, mni_surface *s, uint32_t v) {
         uint32_t ga = group_of(j, a), gb = group_of(j, b);
         j->ring[ga].group = gb;
     }
+}
+
+/* Follows the wheel from `first`, triangle by triangle. It goes once round if it is back after as
+ * many as there are, and not before: then no vertex came twice. */
+static bool goes_round(mni_judge *j, uint32_t first) {
+    const mni_wheel *w = &j->wheel;
+    uint32_t at = first;
+    if (w->count < 3)
+        return false;
+    for (uint32_t i = 0; i < w->count; i++) {
+        uint32_t spoke = mni_wheel_find(w->next, w->count, at);
+        if (spoke == MNI_WHEEL_MAX || (i > 0 && at == first))
+            return false;
+        j->around[i] = at;
+        j->spoke[i] = spoke;
+        at = w->previous[spoke];
+    }
+    return at == first;
+}
+
+void mni_judge_look(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+    j->round = mni_surface_wheel(s, r, &j->wheel) && goes_round(j, k);
+    if (j->round)
+        j->ring_count = j->wheel.count;
+    else
+        mni_judge_ring(j, s, r);
+}
+
+bool mni_judge_regular(mni_judge *j, mni_surface *s, uint32_t v) {
+    j->round = mni_surface_wheel(s, v, &j->wheel) && goes_round(j, j->wheel.next[0]);
+    j->ring_count = j->round ? j->wheel.count : 0;
+    return j->round;
 }
 
 bool mni_ring_vertex_singular(const mni_ring_vertex *n) {
@@ -128,10 +169,10 @@ static bool in_ring(const mni_judge *j, uint32_t vertex, uint32_t *at) {
 /* Whether k has a neighbour in r's ring that is no apex of a triangle at kr. */
 static bool strays(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     uint32_t count, at;
-    if (s->fan[k].count > SHORT_FAN) {
+    if (s->vertex[k].fan.count > SHORT_FAN) {
         for (uint32_t i = 0; i < j->ring_count; i++)
-            if (j->ring[i].vertex != k && j->ring[i].apexes == 0 &&
-                mni_surface_joined(s, j->ring[i].vertex, k))
+            if (j->around[i] != k && j->ring[i].apexes == 0 &&
+                mni_surface_joined(s, j->around[i], k))
                 return true;
         return false;
     }
@@ -147,6 +188,20 @@ static bool strays(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     return false;
 }
 
+/* Whether an alive triangle holds all three. */
+static bool triangle_holds(mni_surface *s, uint32_t a, uint32_t b, uint32_t k) {
+    uint32_t count;
+    const uint32_t *list = mni_surface_fan(s, a, &count);
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_simplex *x = &s->simplex[list[i]];
+        bool has_k = x->v[0] == k || x->v[1] == k || x->v[2] == k;
+        bool has_b = x->v[0] == b || x->v[1] == b || x->v[2] == b;
+        if (has_k && has_b)
+            return true;
+    }
+    return false;
+}
+
 /* Whether a triangle of r comes to lie on one that k has already: the last step of a closed
  * tetrahedron. Both its other corners are then apexes. */
 static bool doubles(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
@@ -156,20 +211,13 @@ static bool doubles(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
         const mni_simplex *x = &s->simplex[fan[i]];
         if (x->v[2] == MN_NONE)
             continue;
-        int c = corner_of(x, r);
-        uint32_t a = x->v[c == 2 ? 0 : c + 1], b = x->v[c == 0 ? 2 : c - 1], at_a, at_b;
+        mni_corner c = mni_simplex_corner(x, r);
+        uint32_t a = c.next, b = c.previous, at_a, at_b;
         if (a == k || b == k || !in_ring(j, a, &at_a) || !in_ring(j, b, &at_b) ||
             j->ring[at_a].apexes == 0 || j->ring[at_b].apexes == 0)
             continue;
-        uint32_t others;
-        const uint32_t *list = mni_surface_fan(s, a, &others);
-        for (uint32_t o = 0; o < others; o++) {
-            const mni_simplex *y = &s->simplex[list[o]];
-            bool has_k = y->v[0] == k || y->v[1] == k || y->v[2] == k;
-            bool has_b = y->v[0] == b || y->v[1] == b || y->v[2] == b;
-            if (has_k && has_b)
-                return true;
-        }
+        if (triangle_holds(s, a, b, k))
+            return true;
     }
     return false;
 }
@@ -192,7 +240,7 @@ static bool singular_may_go(mni_judge *j, uint32_t k) {
         if (singular == 2)
             return false;
         triangles[singular++] = n->triangles;
-        k_singular |= n->vertex == k;
+        k_singular |= j->around[i] == k;
     }
     if (singular != 2 || triangles[0] != triangles[1])
         return false;
@@ -208,10 +256,26 @@ static bool singular_vertex(mni_judge *j) {
     return false;
 }
 
-bool mni_judge_link(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+/* Where r is regular: k has no neighbour in the ring but the two apexes, and these two and k are no
+ * triangle's corners already (what a ring of three can come to). */
+static bool round_link(mni_judge *j, mni_surface *s, uint32_t k) {
+    mni_wheel of_k;
+    uint32_t n = j->ring_count;
+    if (n == 3)
+        return !triangle_holds(s, j->around[1], j->around[2], k);
+    bool short_k = mni_surface_wheel(s, k, &of_k);
+    for (uint32_t i = 2; i < n - 1; i++) {
+        uint32_t v = j->around[i];
+        if (short_k ? mni_wheel_find(of_k.next, of_k.count, v) != MNI_WHEEL_MAX ||
+                          mni_wheel_find(of_k.previous, of_k.count, v) != MNI_WHEEL_MAX
+                    : mni_surface_joined(s, v, k))
+            return false;
+    }
+    return true;
+}
+
+static bool ring_link(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     uint32_t count, at;
-    j->stuck = false;
-    mni_judge_ring(j, s, r);
     bool kr = in_ring(j, k, &at);
     MN_ASSERT(kr);
     const mni_ring_vertex *edge = &j->ring[at];
@@ -232,42 +296,51 @@ bool mni_judge_link(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     return !strays(j, s, r, k) && !doubles(j, s, r, k);
 }
 
-/* Whether the sign of the dot product is not known for certain, the unit normal being floats. */
-static bool near_right_angle(const double *unit, const double *n) {
-    double d = dot(unit, n);
-    return d * d < 1e-12 * dot(n, n);
+bool mni_judge_link(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+    j->stuck = false;
+    mni_judge_look(j, s, r, k);
+    return j->round ? round_link(j, s, k) : ring_link(j, s, r, k);
 }
 
 /* The normal of t's input triangle, of any length. */
 static void input_cross(const mni_surface *s, uint32_t t, double n[3]) {
     const uint32_t *o = &s->origin[3 * (size_t)t];
-    cross(&s->position[3 * (size_t)o[0]], &s->position[3 * (size_t)o[1]],
-          &s->position[3 * (size_t)o[2]], n);
+    cross(s->vertex[o[0]].p, s->vertex[o[1]].p, s->vertex[o[2]].p, n);
 }
 
-bool mni_judge_fold(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+/* Whether triangle t = (r, a, b) may become (k, a, b). The unit normal is of floats: near a right
+ * angle, where it does not tell the sign for certain, the input's triangle does. */
+static bool keeps_side(const mni_judge *j, const mni_surface *s, uint32_t t, uint32_t r, uint32_t k,
+                       uint32_t a, uint32_t b) {
+    const float *at_a = s->vertex[a].p, *at_b = s->vertex[b].p;
+    const float *first = &j->normal[3 * (size_t)t];
+    double before[3], after[3], input[3] = {first[0], first[1], first[2]};
+    cross(s->vertex[r].p, at_a, at_b, before);
+    cross(s->vertex[k].p, at_a, at_b, after);
+    double area2 = dot(after, after), turn = dot(input, after);
+    if (turn * turn < 1e-12 * area2) {
+        input_cross(s, t, input);
+        turn = dot(input, after);
+    }
+    return area2 > 0 && (dot(before, after) > 0 || !(dot(before, before) > 0)) &&
+           (turn > 0 || !(dot(input, input) > 0));
+}
+
+bool mni_judge_fold(const mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
+    if (j->round) {
+        for (uint32_t i = 1; i + 1 < j->ring_count; i++)
+            if (!keeps_side(j, s, j->wheel.simplex[j->spoke[i]], r, k, j->around[i],
+                            j->around[i + 1]))
+                return false;
+        return true;
+    }
     uint32_t count;
     const uint32_t *fan = mni_surface_fan(s, r, &count);
-    const float *from = &s->position[3 * (size_t)r], *to = &s->position[3 * (size_t)k];
     for (uint32_t i = 0; i < count; i++) {
         const mni_simplex *x = &s->simplex[fan[i]];
-        if (x->v[2] == MN_NONE || x->v[0] == k || x->v[1] == k || x->v[2] == k)
-            continue;
-        int c = corner_of(x, r);
-        const float *a = &s->position[3 * (size_t)x->v[c == 2 ? 0 : c + 1]];
-        const float *b = &s->position[3 * (size_t)x->v[c == 0 ? 2 : c - 1]];
-        const float *first = &j->normal[3 * (size_t)fan[i]];
-        double before[3], after[3];
-        cross(from, a, b, before);
-        cross(to, a, b, after);
-        double input[3] = {first[0], first[1], first[2]};
-        if (near_right_angle(input, after))
-            input_cross(s, fan[i], input);
-        if (!(dot(after, after) > 0))
-            return false;
-        if (dot(before, before) > 0 && !(dot(before, after) > 0))
-            return false;
-        if (dot(input, input) > 0 && !(dot(input, after) > 0))
+        mni_corner c = mni_simplex_corner(x, r);
+        if (x->v[2] != MN_NONE && c.next != k && c.previous != k &&
+            !keeps_side(j, s, fan[i], r, k, c.next, c.previous))
             return false;
     }
     return true;

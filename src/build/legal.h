@@ -8,15 +8,21 @@
  *                            group:     ring vertices joined by triangles of r share one
  *
  * An edge is singular if it has not exactly two triangles, or if these are not oppositely directed,
- * or if it is a hinge. Nothing here changes the surface but that dead simplices leave its lists.
- * One thread. Memory: 8 bytes a vertex and the largest ring met. */
+ * or if it is a hinge. Most vertices have neither such an edge nor more than MNI_WHEEL_MAX
+ * triangles: their ring is a wheel that goes once round, and all is asked of a few registers:
+ *
+ *        2 ─── 1          around[0] is k; its apexes are 1 and the last, and k may have no other
+ *       ╱ ╲  ╱  ╲         neighbour here
+ *      3 ── r ── 0 = k
+ *
+ * Nothing here changes the surface but that dead simplices leave its lists.
+ * One thread. Memory: 8 bytes a vertex, 12 a triangle, and the largest ring met. */
 #ifndef MNI_LEGAL_H
 #define MNI_LEGAL_H
 
 #include "surface.h"
 
 typedef struct mni_ring_vertex {
-    uint32_t vertex;
     uint32_t triangles, hinges, apexes;
     int32_t balance;
     uint32_t group;
@@ -24,8 +30,13 @@ typedef struct mni_ring_vertex {
 
 typedef struct mni_judge {
     float *normal; /* 3 × triangles: unit normals of the input; 0 for zero area */
-    mni_ring_vertex *ring;
+    /* The ring looked at last. */
+    uint32_t *around; /* its vertices */
     uint32_t ring_count, ring_room;
+    bool round; /* triangles once round, k first: wheel, spoke, and no ring[] */
+    mni_wheel wheel;
+    uint32_t spoke[MNI_WHEEL_MAX]; /* in the wheel, the triangle between around[i] and the next */
+    mni_ring_vertex *ring;
     uint64_t *seen; /* a vertex: epoch << 32 | index in ring */
     uint32_t epoch;
     bool stuck;     /* after mni_judge_link said no: r may go nowhere, whatever k is */
@@ -35,13 +46,18 @@ typedef struct mni_judge {
 mn_code mni_judge_open(mni_judge *judge, const mn_mesh *mesh, mn_status *st);
 void mni_judge_close(mni_judge *judge);
 
-/* Fills judge->ring with the neighbours of v. */
+/* Fills judge->around and judge->ring with the neighbours of v. */
 void mni_judge_ring(mni_judge *judge, mni_surface *surface, uint32_t v);
+/* Fills judge->around with the neighbours of r, and what else is cheapest: see judge->round. */
+void mni_judge_look(mni_judge *judge, mni_surface *surface, uint32_t r, uint32_t k);
+/* Whether v's triangles go once round it: it is not singular, nor is an edge at it. Looks. */
+bool mni_judge_regular(mni_judge *judge, mni_surface *surface, uint32_t v);
 bool mni_ring_vertex_singular(const mni_ring_vertex *n);
 
-/* Link condition and singular vertices: the rule of stages 1 and 2. */
+/* Link condition and singular vertices: the rule of stages 1 and 2. Looks. */
 bool mni_judge_link(mni_judge *judge, mni_surface *surface, uint32_t r, uint32_t k);
-/* No triangle folds over, against what it was and against what it was in the input. */
-bool mni_judge_fold(mni_judge *judge, mni_surface *surface, uint32_t r, uint32_t k);
+/* No triangle folds over, against what it was and against what it was in the input. After a look at
+ * r and k. */
+bool mni_judge_fold(const mni_judge *judge, mni_surface *surface, uint32_t r, uint32_t k);
 
 #endif

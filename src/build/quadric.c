@@ -5,7 +5,7 @@
 #include <math.h>
 
 /* A plane through the quadric's own vertex, from where distances count: no linear part. */
-static void add_plane(mni_quadric *q, const double n[3], double weight) {
+static void add_plane(mni_vertex *q, const double n[3], double weight) {
     q->xx += weight * n[0] * n[0];
     q->xy += weight * n[0] * n[1];
     q->xz += weight * n[0] * n[2];
@@ -34,41 +34,39 @@ static double unit(double n[3]) {
     return length;
 }
 
-void mni_quadric_wall(mni_quadric *quadric, const mn_mesh *mesh, mni_surface *surface, uint32_t v,
-                      uint32_t w) {
+void mni_quadric_wall(mni_surface *surface, uint32_t v, uint32_t w) {
     uint32_t count;
     const uint32_t *fan = mni_surface_fan(surface, v, &count);
+    mni_vertex *vertex = surface->vertex;
     for (uint32_t f = 0; f < count; f++) {
         const uint32_t *c = surface->simplex[fan[f]].v;
         if (c[0] != w && c[1] != w && c[2] != w)
             continue;
-        const float *p = &mesh->position[3 * (size_t)c[0]];
-        const float *pv = &mesh->position[3 * (size_t)v];
         double e1[3], e2[3], normal[3], along[3], wall[3];
-        edge_of(p, &mesh->position[3 * (size_t)c[1]], e1);
-        edge_of(p, &mesh->position[3 * (size_t)c[2]], e2);
+        edge_of(vertex[c[0]].p, vertex[c[1]].p, e1);
+        edge_of(vertex[c[0]].p, vertex[c[2]].p, e2);
         cross(e1, e2, normal);
-        edge_of(pv, &mesh->position[3 * (size_t)w], along);
+        edge_of(vertex[v].p, vertex[w].p, along);
         cross(along, normal, wall);
         double length2 = along[0] * along[0] + along[1] * along[1] + along[2] * along[2];
         if (unit(wall) > 0) {
-            add_plane(&quadric[v], wall, length2);
-            add_plane(&quadric[w], wall, length2);
+            add_plane(&vertex[v], wall, length2);
+            add_plane(&vertex[w], wall, length2);
         }
     }
 }
 
-void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh) {
-    for (uint32_t t = 0; t < mesh->triangles; t++) {
-        const uint32_t *c = &mesh->corner[3 * (size_t)t];
-        const float *p = &mesh->position[3 * (size_t)c[0]];
+void mni_quadrics_fill(mni_surface *surface) {
+    mni_vertex *vertex = surface->vertex;
+    for (uint32_t t = 0; t < surface->triangles; t++) {
+        const uint32_t *c = surface->simplex[t].v;
         double e1[3], e2[3], n[3];
-        edge_of(p, &mesh->position[3 * (size_t)c[1]], e1);
-        edge_of(p, &mesh->position[3 * (size_t)c[2]], e2);
+        edge_of(vertex[c[0]].p, vertex[c[1]].p, e1);
+        edge_of(vertex[c[0]].p, vertex[c[2]].p, e2);
         cross(e1, e2, n);
         double area = 0.5 * unit(n);
         if (area > 0)
             for (int i = 0; i < 3; i++)
-                add_plane(&quadric[c[i]], n, area);
+                add_plane(&vertex[c[i]], n, area);
     }
 }

@@ -159,14 +159,14 @@ static float distance2(const float *p, const float *low, const float *high) {
 static mni_heap_key promise(const root_boxes *g, uint32_t i, const float *p) {
     const box *b = &g->boxes[i];
     if (b->least == MN_NONE)
-        return (mni_heap_key){INFINITY, MN_NONE};
-    return (mni_heap_key){distance2(p, b->low, b->high), b->least};
+        return MNI_HEAP_KEY_NONE;
+    return mni_heap_key_make(distance2(p, b->low, b->high), b->least);
 }
 
 /* r's nearest other root. */
 static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
     const float *p = &g->position[3 * (size_t)r];
-    mni_heap_key best = {INFINITY, MN_NONE};
+    mni_heap_key best = MNI_HEAP_KEY_NONE;
     struct {
         mni_heap_key key;
         uint32_t at;
@@ -177,11 +177,11 @@ static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
     while (depth > 0) {
         mni_heap_key key = stack[--depth].key;
         uint32_t at = stack[depth].at;
-        if (!mni_heap_key_less(key, r, best, r))
+        if (key >= best)
             continue;
         if (at < g->buckets) { /* the better half on top */
             mni_heap_key left = promise(g, 2 * at, p), right = promise(g, 2 * at + 1, p);
-            bool left_first = mni_heap_key_less(left, r, right, r);
+            bool left_first = left < right;
             MN_ASSERT(depth + 2 <= LEVELS_MAX + 1);
             stack[depth].key = left_first ? right : left;
             stack[depth++].at = 2 * at + left_first;
@@ -195,9 +195,8 @@ static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
             if (v == MN_NONE || v == r)
                 continue;
             const float *q = &g->position[3 * (size_t)v];
-            mni_heap_key found = {distance2(p, q, q), v};
-            if (mni_heap_key_less(found, r, best, r))
-                best = found;
+            mni_heap_key found = mni_heap_key_make(distance2(p, q, q), v);
+            best = found < best ? found : best;
         }
     }
     return best;
@@ -205,19 +204,19 @@ static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
 
 static mn_code join(mni_simplifier *s, root_boxes *g) {
     for (uint32_t v = 0; v < s->mesh->vertices; v++)
-        if (s->node[v] != MN_NONE)
+        if (s->surface.vertex[v].node != MN_NONE)
             mni_heap_set(&s->heap, v, nearest(g, v));
     for (uint32_t left = g->count; left > 1;) {
         uint32_t r = mni_heap_top(&s->heap);
-        mni_heap_key key = mni_heap_key_of(&s->heap, r);
-        if (s->node[key.kept] == MN_NONE) { /* its nearest has gone: find another */
+        uint32_t k = mni_heap_key_kept(mni_heap_key_of(&s->heap, r));
+        if (s->surface.vertex[k].node == MN_NONE) { /* its nearest has gone: find another */
             mni_heap_set(&s->heap, r, nearest(g, r));
             continue;
         }
         mni_heap_remove(&s->heap, r);
         take_out(g, r);
         left--;
-        mn_code code = mni_simplify_record(s, r, key.kept);
+        mn_code code = mni_simplify_record(s, r, k);
         if (code != MN_OK)
             return code;
     }
@@ -240,7 +239,7 @@ mn_code mni_simplify_roots(mni_simplifier *s) {
         code = mn_fail(s->st, MN_FAILED, "out of memory while joining %u components", roots);
     } else {
         for (uint32_t v = 0; v < s->mesh->vertices; v++)
-            if (s->node[v] != MN_NONE)
+            if (s->surface.vertex[v].node != MN_NONE)
                 g.root[g.count++] = v;
         MN_ASSERT(g.count == roots);
         lay(&g);

@@ -32,7 +32,6 @@ enum {
     PROGRESS_EVERY = 1 << 14,
     ORDER_SAMPLE = 64,
     ORDER_FAN_MAX = 64,
-    MET_MAX = 12, /* neighbours remembered, so that the cost of each is worked out once */
 };
 
 static double now_s(void) {
@@ -43,93 +42,86 @@ static double now_s(void) {
 
 /* ---- candidates ---- */
 
-static float cost_of(const mni_simplifier *s, uint32_t r, uint32_t k) {
-    return mni_collapse_cost(s->mesh, s->quadric, r, k);
+static mni_heap_key key_of(const mni_simplifier *s, uint32_t r, uint32_t k) {
+    const mni_vertex *vertex = s->surface.vertex;
+    return mni_heap_key_make(mni_collapse_cost(&vertex[r], &vertex[k], s->desc.metric), k);
 }
 
-/* In a large mesh every vertex of a ring is a cache miss, and the misses may as well overlap. */
-static void fetch_ahead(const mni_simplifier *s, uint32_t a, uint32_t b) {
-    __builtin_prefetch(&s->mesh->position[3 * (size_t)a]);
-    __builtin_prefetch(&s->mesh->position[3 * (size_t)b]);
-    if (s->quadric != NULL) {
-        __builtin_prefetch(&s->quadric[a]);
-        __builtin_prefetch((const char *)&s->quadric[a] + 64);
-        __builtin_prefetch(&s->quadric[b]);
-        __builtin_prefetch((const char *)&s->quadric[b] + 64);
-    }
+/* The lesser of best and r's key for k, if that is not below `from`. */
+static mni_heap_key better(const mni_simplifier *s, mni_heap_key best, uint32_t r, uint32_t k,
+                           mni_heap_key from) {
+    mni_heap_key key = key_of(s, r, k);
+    key = key < from ? MNI_HEAP_KEY_NONE : key;
+    return key < best ? key : best;
 }
 
-/* Whether k is among the first `count` of list; remembers it there when there is room. */
-static bool met_before(uint32_t *list, uint32_t *count, uint32_t k) {
-    for (uint32_t i = 0; i < *count; i++)
-        if (list[i] == k)
-            return true;
-    if (*count < MET_MAX)
-        list[(*count)++] = k;
-    return false;
-}
-
-/* The cheapest candidate of r that is above `after` (NULL: of all). False: there is none. */
-static bool best_candidate(mni_simplifier *s, uint32_t r, const mni_heap_key *after,
-                           mni_heap_key *best) {
-    uint32_t count, met[MET_MAX], met_count = 0;
+static mni_heap_key best_candidate_slow(mni_simplifier *s, uint32_t r, mni_heap_key from) {
+    uint32_t count;
     const uint32_t *fan = mni_surface_fan(&s->surface, r, &count);
-    bool found = false;
-    for (uint32_t i = 0; i < count && i < MET_MAX; i++)
-        fetch_ahead(s, s->surface.simplex[fan[i]].v[0], s->surface.simplex[fan[i]].v[1]);
-    for (uint32_t i = 0; i < count; i++) {
-        const mni_simplex *x = &s->surface.simplex[fan[i]];
+    mni_heap_key best = MNI_HEAP_KEY_NONE;
+    for (uint32_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
-            uint32_t k = x->v[c];
-            if (k == r || k == MN_NONE || met_before(met, &met_count, k))
-                continue;
-            mni_heap_key key = {cost_of(s, r, k), k};
-            if (after != NULL && !mni_heap_key_less(*after, r, key, r))
-                continue;
-            if (!found || mni_heap_key_less(key, r, *best, r))
-                *best = key;
-            found = true;
+            uint32_t k = s->surface.simplex[fan[i]].v[c];
+            if (k != r && k != MN_NONE)
+                best = better(s, best, r, k, from);
         }
-    }
-    return found;
+    return best;
+}
+
+/* The cheapest candidate of r that is not below `from`; MNI_HEAP_KEY_NONE: there is none. */
+static mni_heap_key best_candidate(mni_simplifier *s, uint32_t r, mni_heap_key from) {
+    mni_wheel wheel;
+    mni_heap_key best = MNI_HEAP_KEY_NONE;
+    if (!mni_surface_wheel(&s->surface, r, &wheel))
+        return best_candidate_slow(s, r, from);
+    for (uint32_t i = 0; i < wheel.count; i++)
+        __builtin_prefetch(&s->surface.vertex[wheel.next[i]]);
+    for (uint32_t i = 0; i < wheel.count; i++)
+        best = better(s, best, r, wheel.next[i], from);
+    for (uint32_t i = 0; i < wheel.count; i++) /* at boundaries alone something is left */
+        if (mni_wheel_find(wheel.next, wheel.count, wheel.previous[i]) == MNI_WHEEL_MAX)
+            best = better(s, best, r, wheel.previous[i], from);
+    return best;
+}
+
+static void offer_this(mni_simplifier *s, uint32_t r, mni_heap_key key) {
+    if (key == MNI_HEAP_KEY_NONE)
+        mni_heap_remove(&s->heap, r);
+    else
+        mni_heap_set(&s->heap, r, key);
 }
 
 /* Offers r's cheapest candidate afresh. */
 static void offer(mni_simplifier *s, uint32_t r) {
-    mni_heap_key best;
-    s->stale[r] = false;
-    if (!best_candidate(s, r, NULL, &best)) {
-        mni_heap_remove(&s->heap, r);
-        return;
-    }
-    s->floor[r] = best;
-    mni_heap_set(&s->heap, r, best);
+    mni_vertex *v = &s->surface.vertex[r];
+    mni_heap_key best = best_candidate(s, r, 0);
+    v->stale = false;
+    if (best != MNI_HEAP_KEY_NONE)
+        v->floor = best;
+    offer_this(s, r, best);
 }
 
 /* r's candidate is no good: its next one. */
 static void offer_next(mni_simplifier *s, uint32_t r) {
-    mni_heap_key best, after = mni_heap_key_of(&s->heap, r);
-    if (best_candidate(s, r, &after, &best))
-        mni_heap_set(&s->heap, r, best);
-    else
-        mni_heap_remove(&s->heap, r);
+    offer_this(s, r, best_candidate(s, r, mni_heap_key_of(&s->heap, r) + 1));
 }
 
 /* k has come into r's ring, or become cheaper to reach. */
 static bool lower_floor(mni_simplifier *s, uint32_t r, uint32_t k) {
-    mni_heap_key key = {cost_of(s, r, k), k};
-    if (!mni_heap_key_less(key, r, s->floor[r], r))
-        return false;
-    s->floor[r] = key;
-    return true;
+    mni_vertex *v = &s->surface.vertex[r];
+    mni_heap_key key = key_of(s, r, k);
+    bool lower = key < v->floor;
+    v->floor = lower ? key : v->floor;
+    return lower;
 }
 
 /* r's ring has changed and k is in it: whatever was tried may be tried again. */
 static void touch(mni_simplifier *s, uint32_t r, uint32_t k) {
-    if (!lower_floor(s, r, k) && s->stale[r])
+    mni_vertex *v = &s->surface.vertex[r];
+    if (!lower_floor(s, r, k) && v->stale)
         return; /* the heap has it at its floor already */
-    s->stale[r] = true;
-    mni_heap_set(&s->heap, r, s->floor[r]);
+    v->stale = true;
+    mni_heap_set(&s->heap, r, v->floor);
 }
 
 static bool allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
@@ -142,20 +134,21 @@ static bool allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
 /* ---- collapses ---- */
 
 /* What a node's switch value has risen to is kept when it becomes a child, or at the end. */
-static void settle_value(mni_simplifier *s, uint32_t v) {
-    if (s->node[v] >= s->mesh->vertices)
-        s->made.switch_value[s->node[v] - s->mesh->vertices] = s->witness.value[v];
+static void settle_value(mni_simplifier *s, const mni_vertex *v) {
+    if (v->node >= s->mesh->vertices)
+        s->made.switch_value[v->node - s->mesh->vertices] = v->value;
 }
 
 mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k) {
     uint32_t at = s->made.count++;
-    s->made.left[at] = s->node[k];
-    s->made.right[at] = s->node[r];
-    settle_value(s, k);
-    settle_value(s, r);
-    mni_witness_collapse(&s->witness, &s->surface, s->judge.ring, s->judge.ring_count, r, k);
-    s->node[k] = s->mesh->vertices + at;
-    s->node[r] = MN_NONE;
+    mni_vertex *kept = &s->surface.vertex[k], *removed = &s->surface.vertex[r];
+    s->made.left[at] = kept->node;
+    s->made.right[at] = removed->node;
+    settle_value(s, kept);
+    settle_value(s, removed);
+    mni_witness_collapse(&s->witness, &s->surface, s->judge.around, s->judge.ring_count, r, k);
+    kept->node = s->mesh->vertices + at;
+    removed->node = MN_NONE;
     s->counts.collapses_by_stage[s->stage - 1]++;
     if (s->stage == 1)
         s->legal_last = s->mesh->vertices + at;
@@ -172,12 +165,13 @@ static bool overtaken(mni_simplifier *s, uint32_t v, mni_heap_key key, uint32_t 
     uint32_t count;
     mni_surface_fan(&s->surface, v, &count);
     for (uint32_t i = 0; i < count; i++) {
-        const mni_simplex x = s->surface.simplex[s->surface.pool[s->surface.fan[v].first + i]];
+        const mni_simplex x =
+            s->surface.simplex[s->surface.pool[s->surface.vertex[v].fan.first + i]];
         for (int c = 0; c < 3; c++) {
             uint32_t w = x.v[c];
             if (w == v || w == MN_NONE)
                 continue;
-            mni_heap_key out = {cost_of(s, v, w), w}, in = {cost_of(s, w, v), v};
+            mni_heap_key out = key_of(s, v, w), in = key_of(s, w, v);
             if ((mni_heap_key_less(out, v, key, r) && allowed(s, v, w)) ||
                 (mni_heap_key_less(in, w, key, r) && allowed(s, w, v)))
                 return true;
@@ -189,7 +183,7 @@ static bool overtaken(mni_simplifier *s, uint32_t v, mni_heap_key key, uint32_t 
 /* order_violations, looked for at every collapse in slow builds, at one in ORDER_SAMPLE otherwise,
  * and not at poles, whose fans would make it dear. */
 static void check_order(mni_simplifier *s, uint32_t r, mni_heap_key key) {
-    if (overtaken(s, r, key, r) || overtaken(s, key.kept, key, r))
+    if (overtaken(s, r, key, r) || overtaken(s, mni_heap_key_kept(key), key, r))
         s->counts.order_violations++;
 }
 
@@ -198,51 +192,44 @@ static bool order_is_checked(const mni_simplifier *s, uint32_t r, uint32_t k) {
     (void)s, (void)r, (void)k;
     return true;
 #else
-    return s->made.count % ORDER_SAMPLE == 0 && s->surface.fan[r].count <= ORDER_FAN_MAX &&
-           s->surface.fan[k].count <= ORDER_FAN_MAX;
+    return s->made.count % ORDER_SAMPLE == 0 && s->surface.vertex[r].fan.count <= ORDER_FAN_MAX &&
+           s->surface.vertex[k].fan.count <= ORDER_FAN_MAX;
 #endif
 }
 
 static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
+    mni_judge *j = &s->judge;
+    mni_vertex *vertex = s->surface.vertex;
     bool checked = order_is_checked(s, r, k);
     if (checked)
         check_order(s, r, mni_heap_key_of(&s->heap, r));
     if (checked || s->stage == 3) /* otherwise the ring is still that of the legality test */
-        mni_judge_ring(&s->judge, &s->surface, r);
-    for (uint32_t i = 0; i < s->judge.ring_count; i++) {
-        uint32_t n = s->judge.ring[i].vertex;
-        fetch_ahead(s, n, n);
-        __builtin_prefetch(&s->heap.at[n]);
-        __builtin_prefetch(&s->floor[n]);
-        __builtin_prefetch(&s->surface.fan[n]);
-        __builtin_prefetch(&s->witness.set[n]);
-        __builtin_prefetch(&s->witness.value[n]);
-    }
-    if (!mni_surface_collapse(&s->surface, r, k, s->made.count))
+        mni_judge_look(j, &s->surface, r, k);
+    if (!(j->round ? mni_surface_collapse_round(&s->surface, &j->wheel, r, k, s->made.count)
+                   : mni_surface_collapse(&s->surface, r, k, s->made.count)))
         return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
     mni_heap_remove(&s->heap, r);
-    if (s->quadric != NULL) {
-        double d[3];
-        mni_way(s->mesh, r, k, d);
-        mni_quadric_add(&s->quadric[k], &s->quadric[r], d);
-        s->floor[k].cost *= FLOOR_MARGIN;
+    if (s->desc.metric == MN_METRIC_QEM) {
+        mni_quadric_add(&vertex[k], &vertex[r]);
+        float cost = mni_heap_key_cost(vertex[k].floor) * FLOOR_MARGIN;
+        vertex[k].floor = mni_heap_key_make(cost, mni_heap_key_kept(vertex[k].floor));
     }
-    for (uint32_t i = 0; i < s->judge.ring_count; i++) {
-        uint32_t n = s->judge.ring[i].vertex;
+    for (uint32_t i = 0; i < j->ring_count; i++) {
+        uint32_t n = j->around[i];
         if (n != k) {
             touch(s, n, k);
             lower_floor(s, k, n);
         }
     }
-    s->stale[k] = true; /* and perhaps without a candidate: its turn will show */
-    mni_heap_set(&s->heap, k, s->floor[k]);
+    vertex[k].stale = true; /* and perhaps without a candidate: its turn will show */
+    mni_heap_set(&s->heap, k, vertex[k].floor);
     return mni_simplify_record(s, r, k);
 }
 
 static mn_code run_stage(mni_simplifier *s, int stage) {
     s->stage = stage;
     for (uint32_t v = 0; v < s->mesh->vertices; v++)
-        if (s->node[v] != MN_NONE)
+        if (s->surface.vertex[v].node != MN_NONE)
             offer(s, v);
     for (;;) {
         uint32_t r = mni_heap_top(&s->heap);
@@ -253,15 +240,16 @@ static mn_code run_stage(mni_simplifier *s, int stage) {
             return MN_OK;
         }
         mni_heap_key key = mni_heap_key_of(&s->heap, r);
-        if (s->stale[r] || cost_of(s, r, key.kept) > key.cost) {
+        uint32_t k = mni_heap_key_kept(key);
+        if (s->surface.vertex[r].stale || key_of(s, r, k) > key) {
             offer(s, r);
-        } else if (!allowed(s, r, key.kept)) {
+        } else if (!allowed(s, r, k)) {
             if (s->judge.stuck)
                 mni_heap_remove(&s->heap, r);
             else
                 offer_next(s, r);
         } else {
-            mn_code code = collapse(s, r, key.kept);
+            mn_code code = collapse(s, r, k);
             if (code != MN_OK)
                 return code;
         }
@@ -273,16 +261,18 @@ static mn_code run_stage(mni_simplifier *s, int stage) {
 /* One look at every ring: the input's edges are counted, and boundaries get their walls. */
 static void look_at_edges(mni_simplifier *s) {
     for (uint32_t v = 0; v < s->mesh->vertices; v++) {
+        if (mni_judge_regular(&s->judge, &s->surface, v))
+            continue;
         mni_judge_ring(&s->judge, &s->surface, v);
         for (uint32_t i = 0; i < s->judge.ring_count; i++) {
             const mni_ring_vertex *n = &s->judge.ring[i];
-            if (n->vertex < v)
+            if (s->judge.around[i] < v)
                 continue;
             s->counts.boundary_edges += n->triangles == 1;
             s->counts.nonmanifold_edges +=
                 n->triangles > 2 || (n->triangles == 2 && n->balance != 0);
-            if (n->triangles == 1 && s->quadric != NULL)
-                mni_quadric_wall(s->quadric, s->mesh, &s->surface, v, n->vertex);
+            if (n->triangles == 1 && s->desc.metric == MN_METRIC_QEM)
+                mni_quadric_wall(&s->surface, v, s->judge.around[i]);
         }
     }
 }
@@ -301,9 +291,8 @@ static uint64_t hinges_expected(uint64_t vertices, uint64_t triangles) {
 uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
     enum { PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */
     uint64_t mesh = vertices * (12 + 4 /* colour */) + triangles * 12;
-    uint64_t a_vertex = sizeof(mni_fan) + 8 /* seen */ + sizeof(mni_heap_item) + 4 /* heap */ +
-                        sizeof(mni_quadric) + 4 /* node */ + sizeof(mni_heap_key) + 1 /* stale */ +
-                        12 /* collapses */ + 12 /* witness book */ + sizeof(mni_witnesses) / 2;
+    uint64_t a_vertex = sizeof(mni_vertex) + 8 /* seen */ + sizeof(mni_heap_item) + 4 /* heap */ +
+                        12 /* collapses */ + 4 /* own */ + sizeof(mni_witnesses) / 2;
     uint64_t a_triangle = sizeof(mni_simplex) + 12 /* origin */ + 24 /* pool */ +
                           24 /* pool, packed */ + 12 /* normal */ + 4 /* own */;
     uint64_t a_hinge = (sizeof(mni_simplex) + 12) * 5 / 4 + 8 /* pool */ + 12 /* tree */ + 9;
@@ -321,22 +310,14 @@ static mn_code open_run(mni_simplifier *s) {
         code = mni_witness_open(&s->witness, s->mesh, s->st);
     if (code != MN_OK)
         return code;
-    s->node = malloc((size_t)n * sizeof *s->node);
-    s->floor = calloc(n, sizeof *s->floor);
-    s->stale = calloc(n, sizeof *s->stale);
     s->made.left = malloc((size_t)n * sizeof *s->made.left);
     s->made.right = malloc((size_t)n * sizeof *s->made.right);
     s->made.switch_value = malloc((size_t)n * sizeof *s->made.switch_value);
-    if (s->desc.metric == MN_METRIC_QEM)
-        s->quadric = calloc(n, sizeof *s->quadric);
-    if (!mni_heap_open(&s->heap, n) || s->node == NULL || s->floor == NULL || s->stale == NULL ||
-        s->made.left == NULL || s->made.right == NULL || s->made.switch_value == NULL ||
-        (s->desc.metric == MN_METRIC_QEM && s->quadric == NULL))
+    if (!mni_heap_open(&s->heap, n) || s->made.left == NULL || s->made.right == NULL ||
+        s->made.switch_value == NULL)
         return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
-    for (uint32_t v = 0; v < n; v++)
-        s->node[v] = v;
-    if (s->quadric != NULL)
-        mni_quadrics_fill(s->quadric, s->mesh);
+    if (s->desc.metric == MN_METRIC_QEM)
+        mni_quadrics_fill(&s->surface);
     look_at_edges(s);
     s->legal_last = n - 1;
     return MN_OK;
@@ -347,10 +328,6 @@ static void close_run(mni_simplifier *s) {
     mni_judge_close(&s->judge);
     mni_witness_close(&s->witness);
     mni_heap_close(&s->heap);
-    free(s->quadric);
-    free(s->node);
-    free(s->floor);
-    free(s->stale);
     free(s->made.left);
     free(s->made.right);
     free(s->made.switch_value);
@@ -368,8 +345,8 @@ static mn_code run(mni_simplifier *s) {
     s->counts.components = s->mesh->vertices - s->made.count;
     code = mni_simplify_roots(s);
     for (uint32_t v = 0; v < s->mesh->vertices; v++)
-        if (s->node[v] != MN_NONE)
-            settle_value(s, v);
+        if (s->surface.vertex[v].node != MN_NONE)
+            settle_value(s, &s->surface.vertex[v]);
     return code;
 }
 

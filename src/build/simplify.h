@@ -7,13 +7,7 @@
 #include "surface.h"
 #include "witness.h"
 
-/* dᵀAd + 2bᵀd + c, A symmetric: squared distance × area, with d relative to the vertex whose
- * quadric it is. Absolute positions would lose the digits in which a flat part's costs differ. */
-typedef struct mni_quadric {
-    double xx, xy, xz, yy, yz, zz, x, y, z, c;
-} mni_quadric;
-
-static inline double mni_quadric_at(const mni_quadric *q, const double d[3]) {
+static inline double mni_quadric_at(const mni_vertex *q, const double d[3]) {
     double x = d[0], y = d[1], z = d[2];
     double value =
         q->xx * x * x + q->yy * y * y + q->zz * z * z +
@@ -21,8 +15,15 @@ static inline double mni_quadric_at(const mni_quadric *q, const double d[3]) {
     return value > 0 ? value : 0;
 }
 
-/* d: from the vertex of `from` to that of `to`. */
-static inline void mni_quadric_add(mni_quadric *to, const mni_quadric *from, const double d[3]) {
+static inline void mni_way(const mni_vertex *from, const mni_vertex *to, double d[3]) {
+    for (int i = 0; i < 3; i++)
+        d[i] = (double)to->p[i] - from->p[i];
+}
+
+/* The quadric of `from` to that of `to`. */
+static inline void mni_quadric_add(mni_vertex *to, const mni_vertex *from) {
+    double d[3];
+    mni_way(from, to, d);
     to->c += mni_quadric_at(from, d);
     to->x += from->x + from->xx * d[0] + from->xy * d[1] + from->xz * d[2];
     to->y += from->y + from->xy * d[0] + from->yy * d[1] + from->yz * d[2];
@@ -35,29 +36,22 @@ static inline void mni_quadric_add(mni_quadric *to, const mni_quadric *from, con
     to->zz += from->zz;
 }
 
-static inline void mni_way(const mn_mesh *mesh, uint32_t from, uint32_t to, double d[3]) {
-    for (int i = 0; i < 3; i++)
-        d[i] = (double)mesh->position[3 * (size_t)to + i] - mesh->position[3 * (size_t)from + i];
-}
-
 /* Enough for shallow trees in flat parts (fandisk: depth 26, without it 801), too little to be seen
  * in the distance to the original. */
 #define MNI_LENGTH_SHARE 1e-9
 
-/* Of r → k. length (no quadrics): the edge's squared length. qem: both quadrics at k, and a share
- * of the squared length, weighted as the quadrics are: in flat parts, where every collapse is free,
- * it keeps short edges first and trees shallow. When k's quadric grows the cost does not fall, not
- * even by rounding. */
-static inline float mni_collapse_cost(const mn_mesh *mesh, const mni_quadric *quadric, uint32_t r,
-                                      uint32_t k) {
+/* Of r → k. length: the edge's squared length. qem: both quadrics at k, and a share of the squared
+ * length, weighted as the quadrics are: in flat parts, where every collapse is free, it keeps short
+ * edges first and trees shallow. When k's quadric grows the cost does not fall, not even by
+ * rounding. */
+static inline float mni_collapse_cost(const mni_vertex *r, const mni_vertex *k, mn_metric metric) {
     double d[3];
-    mni_way(mesh, r, k, d);
+    mni_way(r, k, d);
     double length2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-    if (quadric == NULL)
+    if (metric != MN_METRIC_QEM)
         return (float)length2;
-    const mni_quadric *a = &quadric[r], *b = &quadric[k];
-    double weight = (a->xx + a->yy + a->zz) + (b->xx + b->yy + b->zz);
-    return (float)(mni_quadric_at(a, d) + b->c + MNI_LENGTH_SHARE * weight * length2);
+    double weight = (r->xx + r->yy + r->zz) + (k->xx + k->yy + k->zz);
+    return (float)(mni_quadric_at(r, d) + k->c + MNI_LENGTH_SHARE * weight * length2);
 }
 
 /* Collapses as they were made, in input vertices: r went into k. */
@@ -74,10 +68,6 @@ typedef struct mni_simplifier {
     mni_judge judge;
     mni_witness_book witness;
     mni_heap heap;
-    mni_quadric *quadric; /* qem only */
-    uint32_t *node;       /* a vertex: its current node; MN_NONE: collapsed into another */
-    mni_heap_key *floor;  /* a vertex: no candidate of it is below this, tried ones included */
-    bool *stale;          /* a vertex: its key in the heap is only a lower bound */
     mni_collapses made;
     mn_build_counts counts;
     uint32_t legal_last;
@@ -87,10 +77,9 @@ typedef struct mni_simplifier {
 } mni_simplifier;
 
 /* quadric.c: one for each vertex, of its triangles. */
-void mni_quadrics_fill(mni_quadric *quadric, const mn_mesh *mesh);
+void mni_quadrics_fill(mni_surface *surface);
 /* Adds the wall on the boundary edge v–w to the quadrics of its ends. */
-void mni_quadric_wall(mni_quadric *quadric, const mn_mesh *mesh, mni_surface *surface, uint32_t v,
-                      uint32_t w);
+void mni_quadric_wall(mni_surface *surface, uint32_t v, uint32_t w);
 
 /* Records the collapse of r into k in the tree: the surface has been changed. MN_FAILED: memory. */
 mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k);

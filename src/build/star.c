@@ -130,15 +130,15 @@ bool mni_star_take(mni_star *star, mni_surface *s, uint32_t k) {
             return false;
         star->room = 4 * count;
     }
-    const float *at_k = &s->position[3 * (size_t)k];
+    const float *at_k = s->vertex[k].p;
     for (int pass = 0; pass == 0 || (pass == 1 && unpaired != 0); pass++)
         for (uint32_t i = 0; i < count; i++) {
             const mni_simplex *x = &s->simplex[fan[i]];
             if (x->v[2] == MN_NONE)
                 continue;
             mni_corner c = mni_simplex_corner(x, k);
-            const float *a = &s->position[3 * (size_t)c.next];
-            const float *b = &s->position[3 * (size_t)c.previous];
+            const float *a = s->vertex[c.next].p;
+            const float *b = s->vertex[c.previous].p;
             prepare(&star->triangle[star->count++], at_k, pass == 0 ? a : b, b);
             unpaired += pass == 0 ? scatter(c.next) - scatter(c.previous) : 0;
         }

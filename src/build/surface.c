@@ -6,6 +6,10 @@
 
 #include "assert.h"
 
+enum { LINE_BYTES = 64 };
+_Static_assert(sizeof(mni_vertex) == 2 * LINE_BYTES && offsetof(mni_vertex, xy) == LINE_BYTES,
+               "a vertex is two lines");
+
 enum { FAN_SLACK = 4 }; /* free places behind each list at the start: what a collapse adds to six */
 
 static mn_code no_memory(mn_status *st) {
@@ -17,24 +21,24 @@ static mn_code no_memory(mn_status *st) {
 static void fill_fans(mni_surface *s) {
     for (uint32_t t = 0; t < s->triangles; t++)
         for (int c = 0; c < 3; c++)
-            s->fan[s->simplex[t].v[c]].room++;
+            s->vertex[s->simplex[t].v[c]].fan.room++;
     uint32_t at = 0;
     for (uint32_t v = 0; v < s->vertices; v++) {
-        s->fan[v].first = at;
-        s->fan[v].room += FAN_SLACK;
-        at += s->fan[v].room;
+        mni_fan *f = &s->vertex[v].fan;
+        f->first = at;
+        f->room += FAN_SLACK;
+        at += f->room;
     }
     for (uint32_t t = 0; t < s->triangles; t++)
         for (int c = 0; c < 3; c++) {
-            mni_fan *f = &s->fan[s->simplex[t].v[c]];
+            mni_fan *f = &s->vertex[s->simplex[t].v[c]].fan;
             s->pool[f->first + f->count++] = t;
         }
     s->pool_used = at;
 }
 
 mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
-    *s = (mni_surface){.position = mesh->position,
-                       .vertices = mesh->vertices,
+    *s = (mni_surface){.vertices = mesh->vertices,
                        .triangles = mesh->triangles,
                        .simplices = mesh->triangles,
                        .alive_triangles = mesh->triangles};
@@ -47,9 +51,9 @@ mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
                        mesh->triangles);
     s->simplex = malloc(s->simplices_room * sizeof *s->simplex);
     s->origin = malloc((size_t)s->simplices_room * 3 * sizeof *s->origin);
-    s->fan = calloc(s->vertices, sizeof *s->fan);
+    s->vertex = aligned_alloc(LINE_BYTES, s->vertices * sizeof *s->vertex);
     s->pool = malloc(s->pool_room * sizeof *s->pool);
-    if (s->simplex == NULL || s->origin == NULL || s->fan == NULL || s->pool == NULL) {
+    if (s->simplex == NULL || s->origin == NULL || s->vertex == NULL || s->pool == NULL) {
         mni_surface_close(s);
         return no_memory(st);
     }
@@ -58,6 +62,10 @@ mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
         const uint32_t *c = &mesh->corner[3 * (size_t)t];
         s->simplex[t] = (mni_simplex){{c[0], c[1], c[2]}, MN_NONE};
     }
+    for (uint32_t v = 0; v < s->vertices; v++) {
+        const float *p = &mesh->position[3 * (size_t)v];
+        s->vertex[v] = (mni_vertex){.p = {p[0], p[1], p[2]}, .set = MN_NONE, .node = v};
+    }
     fill_fans(s);
     return MN_OK;
 }
@@ -65,14 +73,14 @@ mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
 void mni_surface_close(mni_surface *s) {
     free(s->simplex);
     free(s->origin);
-    free(s->fan);
+    free(s->vertex);
     free(s->pool);
     free(s->dead);
     memset(s, 0, sizeof *s);
 }
 
 const uint32_t *mni_surface_fan(mni_surface *s, uint32_t v, uint32_t *count) {
-    mni_fan *f = &s->fan[v];
+    mni_fan *f = &s->vertex[v].fan;
     uint32_t *list = &s->pool[f->first];
     uint32_t kept = 0;
     for (uint32_t i = 0; i < f->count; i++) {
@@ -85,18 +93,46 @@ const uint32_t *mni_surface_fan(mni_surface *s, uint32_t v, uint32_t *count) {
     return list;
 }
 
+bool mni_surface_wheel(mni_surface *s, uint32_t v, mni_wheel *wheel) {
+    mni_fan *f = &s->vertex[v].fan;
+    if (f->count > MNI_WHEEL_MAX) {
+        uint32_t count;
+        mni_surface_fan(s, v, &count);
+        if (count > MNI_WHEEL_MAX)
+            return false;
+    }
+    memset(wheel->next, 0xff, sizeof wheel->next);
+    memset(wheel->previous, 0xff, sizeof wheel->previous);
+    uint32_t *list = &s->pool[f->first];
+    uint32_t kept = 0, hinges = 0;
+    for (uint32_t i = 0; i < f->count; i++) {
+        const mni_simplex *x = &s->simplex[list[i]];
+        mni_corner c = mni_simplex_corner(x, v);
+        bool alive = x->killed == MN_NONE;
+        uint32_t none = alive ? 0 : MN_NONE; /* the place may be the last one, and stays free */
+        wheel->simplex[kept] = list[i];
+        wheel->next[kept] = c.next | none;
+        wheel->previous[kept] = c.previous | none;
+        hinges |= alive & (x->v[2] == MN_NONE);
+        list[kept] = list[i];
+        kept += alive;
+    }
+    f->count = wheel->count = kept;
+    return hinges == 0;
+}
+
 static bool holds(const mni_simplex *x, uint32_t v) {
     return x->v[0] == v || x->v[1] == v || x->v[2] == v;
 }
 
-bool mni_surface_joined(mni_surface *s, uint32_t a, uint32_t b) {
-    if (s->fan[a].count > s->fan[b].count) {
+bool mni_surface_joined(const mni_surface *s, uint32_t a, uint32_t b) {
+    if (s->vertex[a].fan.count > s->vertex[b].fan.count) {
         uint32_t t = a;
         a = b;
         b = t;
     }
-    const uint32_t *list = &s->pool[s->fan[a].first];
-    for (uint32_t i = 0; i < s->fan[a].count; i++) {
+    const uint32_t *list = &s->pool[s->vertex[a].fan.first];
+    for (uint32_t i = 0; i < s->vertex[a].fan.count; i++) {
         const mni_simplex *x = &s->simplex[list[i]];
         if (x->killed == MN_NONE && holds(x, b))
             return true;
@@ -121,7 +157,7 @@ static bool pack_pool(mni_surface *s, uint32_t wanted) {
         return false;
     size_t at = 0;
     for (uint32_t v = 0; v < s->vertices; v++) {
-        mni_fan *f = &s->fan[v];
+        mni_fan *f = &s->vertex[v].fan;
         memcpy(&pool[at], &s->pool[f->first], f->count * sizeof *pool);
         f->first = (uint32_t)at;
         f->room = f->count;
@@ -137,7 +173,7 @@ static bool pack_pool(mni_surface *s, uint32_t wanted) {
 /* Makes room for `more` entries behind k's list. */
 static bool reserve(mni_surface *s, uint32_t k, uint32_t more) {
     uint32_t count;
-    mni_fan *f = &s->fan[k];
+    mni_fan *f = &s->vertex[k].fan;
     if (f->count + more <= f->room)
         return true;
     mni_surface_fan(s, k, &count);
@@ -183,7 +219,7 @@ static bool add_hinge(mni_surface *s, uint32_t k, uint32_t w, uint32_t of) {
     for (int i = 0; i < 2; i++) {
         if (!reserve(s, ends[i], 1))
             return false;
-        mni_fan *f = &s->fan[ends[i]];
+        mni_fan *f = &s->vertex[ends[i]].fan;
         s->pool[f->first + f->count++] = x;
     }
     s->simplices++;
@@ -220,14 +256,14 @@ bool mni_surface_collapse(mni_surface *s, uint32_t r, uint32_t k, uint32_t colla
         s->dead = dead_list;
         s->dead_room = 2 * count;
     }
-    const uint32_t *list = &s->pool[s->fan[r].first];
+    const uint32_t *list = &s->pool[s->vertex[r].fan.first];
     uint32_t moving = 0;
     for (uint32_t i = 0; i < count; i++)
         moving += !holds(&s->simplex[list[i]], k);
     if (!reserve(s, k, moving))
         return false;
-    list = &s->pool[s->fan[r].first];
-    mni_fan *to = &s->fan[k];
+    list = &s->pool[s->vertex[r].fan.first];
+    mni_fan *to = &s->vertex[k].fan;
     uint32_t dead = 0;
     for (uint32_t i = 0; i < count; i++) {
         mni_simplex *x = &s->simplex[list[i]];
@@ -244,6 +280,29 @@ bool mni_surface_collapse(mni_surface *s, uint32_t r, uint32_t k, uint32_t colla
             s->dead[dead++] = list[i];
         }
     }
-    s->fan[r].count = 0;
+    s->vertex[r].fan.count = 0;
     return hinge_apexes(s, r, k, dead);
+}
+
+bool mni_surface_collapse_round(mni_surface *s, const mni_wheel *wheel, uint32_t r, uint32_t k,
+                                uint32_t collapse) {
+    /* All are written behind k's list, and two of them written over. */
+    if (!reserve(s, k, wheel->count - 1))
+        return false;
+    mni_fan *to = &s->vertex[k].fan;
+    uint32_t *list = &s->pool[to->first];
+    uint32_t count = to->count;
+    for (uint32_t i = 0; i < wheel->count; i++) {
+        bool dies = (wheel->next[i] == k) | (wheel->previous[i] == k);
+        mni_simplex *x = &s->simplex[wheel->simplex[i]];
+        x->v[mni_simplex_corner(x, r).at] = k;
+        x->killed = dies ? collapse : MN_NONE;
+        list[count] = wheel->simplex[i];
+        count += !dies;
+    }
+    MN_ASSERT(count == to->count + wheel->count - 2);
+    to->count = count;
+    s->vertex[r].fan.count = 0;
+    s->alive_triangles -= 2;
+    return true;
 }

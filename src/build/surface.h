@@ -5,7 +5,7 @@
  * triangle or a hinge (an edge without apex, v[2] = MN_NONE), a vertex has a list of its simplices.
  * Lists are cleaned of dead simplices whenever they are walked.
  *
- *   fan[v] ──► pool[first … first+count)  simplex numbers, dead ones among them
+ *   vertex[v].fan ──► pool[first … first+count)  simplex numbers, dead ones among them
  *   pool:  | v0's room | v1's room | …                 | free |
  *
  * A list that outgrows its room moves to the pool's free end; when that is used up the pool is
@@ -17,6 +17,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "heap.h"
 #include "metanode/build.h"
 
 typedef struct mni_simplex {
@@ -39,14 +40,32 @@ typedef struct mni_fan {
     uint32_t first, count, room; /* in the pool */
 } mni_fan;
 
+/* All that is known of a vertex. A collapse is bound by the lines of the cache that it meets, and
+ * meets whole neighbourhoods: so what is asked of a neighbour lies in one line, and the rest of
+ * what its own candidates need in the next.
+ *
+ * The quadric is dᵀAd + 2bᵀd + c, A symmetric: squared distance × area, with d relative to the
+ * vertex. Absolute positions would lose the digits in which a flat part's costs differ. */
+typedef struct mni_vertex {
+    float p[3];           /* the mesh's */
+    float value;          /* its node's switch value, which may still rise (witness.c) */
+    double c, xx, yy, zz; /* of the quadric (quadric.c) */
+    mni_heap_key floor;   /* no candidate of it is below this, tried ones included */
+    uint32_t set;         /* its node's witnesses; MN_NONE: a leaf still (witness.c) */
+    uint32_t node;        /* its current node; MN_NONE: collapsed into another */
+    double xy, xz, yz;    /* the second line */
+    double x, y, z;       /* b */
+    mni_fan fan;          /* its simplices */
+    bool stale;           /* its key in the heap is only a lower bound */
+} mni_vertex;
+
 typedef struct mni_surface {
-    const float *position; /* 3 × vertices, of the mesh */
+    mni_vertex *vertex;
     uint32_t vertices, triangles;
     uint32_t simplices, simplices_room;
     uint32_t alive_triangles, alive_hinges;
     mni_simplex *simplex; /* triangles in the input's order, then hinges as they come */
     uint32_t *origin;     /* 3 × simplices: the input's vertices */
-    mni_fan *fan;
     uint32_t *pool;
     size_t pool_used, pool_room;
     uint32_t *dead; /* scratch of one collapse: the triangles that died */
@@ -60,10 +79,36 @@ void mni_surface_close(mni_surface *surface);
  * collapse. */
 const uint32_t *mni_surface_fan(mni_surface *surface, uint32_t v, uint32_t *count);
 /* Whether an alive simplex holds both. Walks the shorter list. */
-bool mni_surface_joined(mni_surface *surface, uint32_t a, uint32_t b);
+bool mni_surface_joined(const mni_surface *surface, uint32_t a, uint32_t b);
+
+enum { MNI_WHEEL_MAX = 16 };
+
+/* A short list without hinges, as most are, with the corners it leads to: read once, asked about
+ * many times. In the list's order. */
+typedef struct mni_wheel {
+    uint32_t count;
+    uint32_t simplex[MNI_WHEEL_MAX];
+    uint32_t next[MNI_WHEEL_MAX], previous[MNI_WHEEL_MAX]; /* MN_NONE behind the last */
+} mni_wheel;
+
+/* v's list as a wheel; drops the dead ones. False: it is longer, or holds a hinge. */
+bool mni_surface_wheel(mni_surface *surface, uint32_t v, mni_wheel *wheel);
+/* Where v is first in such a list of a wheel; MNI_WHEEL_MAX: nowhere. */
+static inline uint32_t mni_wheel_find(const uint32_t *list, uint32_t count, uint32_t v) {
+    uint32_t found = 0;
+    for (uint32_t i = 0; i < 8; i++)
+        found |= (uint32_t)(list[i] == v) << i;
+    if (count > 8)
+        for (uint32_t i = 8; i < MNI_WHEEL_MAX; i++)
+            found |= (uint32_t)(list[i] == v) << i;
+    return (uint32_t)__builtin_ctz(found | 1u << MNI_WHEEL_MAX);
+}
 
 /* Moves every simplex of r to k; those that hold both die with the mark `collapse`, and hinges take
  * their place where nothing else joins k to an apex. False: no memory. */
 bool mni_surface_collapse(mni_surface *surface, uint32_t r, uint32_t k, uint32_t collapse);
+/* The same, for a wheel of r that goes once round it, through k: no hinge can come of it. */
+bool mni_surface_collapse_round(mni_surface *surface, const mni_wheel *wheel, uint32_t r,
+                                uint32_t k, uint32_t collapse);
 
 #endif

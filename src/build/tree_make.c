@@ -66,9 +66,9 @@ static void place_leaves(maker *m) {
     const mn_mesh *mesh = m->s->mesh;
     uint32_t next = 0, roots = 0;
     for (uint32_t v = 0; v < t->leaves; v++)
-        if (m->s->node[v] != MN_NONE) {
-            t->root[roots++] = m->s->node[v];
-            next = number_leaves(m, m->s->node[v], next);
+        if (m->s->surface.vertex[v].node != MN_NONE) {
+            t->root[roots++] = m->s->surface.vertex[v].node;
+            next = number_leaves(m, m->s->surface.vertex[v].node, next);
         }
     MN_ASSERT(next == t->leaves && roots == t->roots);
     for (uint32_t r = 0; r < roots; r++)

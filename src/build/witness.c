@@ -49,20 +49,16 @@ static bool own_triangles(mni_witness_book *book) {
 
 mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status *st) {
     *book = (mni_witness_book){.mesh = mesh};
-    book->set = malloc((size_t)mesh->vertices * sizeof *book->set);
-    book->value = calloc(mesh->vertices, sizeof *book->value);
     /* A set is taken where two leaves collapse, and a leaf does so once. */
     book->sets =
         aligned_alloc(sizeof *book->sets, ((size_t)mesh->vertices / 2 + 1) * sizeof *book->sets);
     book->bench = calloc(1, sizeof *book->bench);
-    if (book->set == NULL || book->value == NULL || book->sets == NULL || book->bench == NULL ||
-        !own_triangles(book)) {
+    if (book->sets == NULL || book->bench == NULL || !own_triangles(book)) {
         mni_witness_close(book);
         return mn_fail(st, MN_FAILED, "out of memory while simplifying %u triangles",
                        mesh->triangles);
     }
     mni_star_open(&book->bench->star);
-    memset(book->set, 0xff, (size_t)mesh->vertices * sizeof *book->set);
     return MN_OK;
 }
 
@@ -70,8 +66,6 @@ void mni_witness_close(mni_witness_book *book) {
     if (book->bench != NULL)
         mni_star_close(&book->bench->star);
     free(book->bench);
-    free(book->set);
-    free(book->value);
     free(book->sets);
     free(book->own_start);
     free(book->own);
@@ -88,31 +82,29 @@ static void add_leaf_point(mni_bench *b, const float *k, const float *p) {
     b->slack[n] = 0;
 }
 
-static void gather_leaf(mni_witness_book *book, uint32_t v, const float *k) {
-    const mn_mesh *mesh = book->mesh;
-    add_leaf_point(book->bench, k, &mesh->position[3 * (size_t)v]);
+static void gather_leaf(mni_witness_book *book, const mni_vertex *vertex, uint32_t v,
+                        const float *k) {
+    add_leaf_point(book->bench, k, vertex[v].p);
     uint32_t start = book->own_start[v], end = book->own_start[v + 1];
     if (end - start > LEAF_TRIANGLES_MAX)
         end = start + LEAF_TRIANGLES_MAX;
     for (uint32_t i = start; i < end; i++) {
-        const uint32_t *c = &mesh->corner[3 * (size_t)book->own[i]];
+        const uint32_t *c = &book->mesh->corner[3 * (size_t)book->own[i]];
+        const float *p = vertex[c[0]].p, *q = vertex[c[1]].p, *o = vertex[c[2]].p;
         float centre[3];
         for (int x = 0; x < 3; x++)
-            centre[x] =
-                (mesh->position[3 * (size_t)c[0] + x] + mesh->position[3 * (size_t)c[1] + x] +
-                 mesh->position[3 * (size_t)c[2] + x]) /
-                3;
+            centre[x] = (p[x] + q[x] + o[x]) / 3;
         add_leaf_point(book->bench, k, centre);
     }
 }
 
-static void gather(mni_witness_book *book, uint32_t v, const float *k) {
+static void gather(mni_witness_book *book, const mni_vertex *vertex, uint32_t v, const float *k) {
     mni_bench *b = book->bench;
-    if (book->set[v] == MN_NONE) {
-        gather_leaf(book, v, k);
+    if (vertex[v].set == MN_NONE) {
+        gather_leaf(book, vertex, v, k);
         return;
     }
-    const mni_witnesses *set = &book->sets[book->set[v]];
+    const mni_witnesses *set = &book->sets[vertex[v].set];
     uint32_t n = b->witness.count, count = 0;
     for (uint32_t i = 0; i < MNI_WITNESSES; i++) { /* those that are not there are overwritten */
         b->witness.x[n + i] = set->x[i] - k[0];
@@ -214,16 +206,16 @@ static void thin(mni_bench *b) {
 }
 
 /* What is left is k's set. */
-static void keep(mni_witness_book *book, uint32_t r, uint32_t k, const float *origin) {
+static void keep(mni_witness_book *book, const mni_vertex *r, mni_vertex *k) {
     const mni_bench *b = book->bench;
-    if (book->set[k] == MN_NONE)
-        book->set[k] = book->set[r] != MN_NONE ? book->set[r] : book->sets_count++;
+    if (k->set == MN_NONE)
+        k->set = r->set != MN_NONE ? r->set : book->sets_count++;
     MN_ASSERT(b->witness.count <= MNI_WITNESSES && book->sets_count <= book->mesh->vertices / 2);
-    mni_witnesses *set = &book->sets[book->set[k]];
+    mni_witnesses *set = &book->sets[k->set];
     for (uint32_t i = 0; i < MNI_WITNESSES; i++) {
-        set->x[i] = b->witness.x[i] + origin[0];
-        set->y[i] = b->witness.y[i] + origin[1];
-        set->z[i] = b->witness.z[i] + origin[2];
+        set->x[i] = b->witness.x[i] + k->p[0];
+        set->y[i] = b->witness.y[i] + k->p[1];
+        set->z[i] = b->witness.z[i] + k->p[2];
         set->slack[i] = i < b->witness.count ? b->slack[i] : -1;
     }
 }
@@ -236,52 +228,51 @@ static inline float max_of(float a, float b) {
 
 /* The middles of the edges r–n, as many at a time as there is room for. Returns the largest
  * distance, and raises the neighbours' values. */
-static float measure_middles(mni_witness_book *book, const mni_surface *s,
-                             const mni_ring_vertex *ring, uint32_t ring_count, uint32_t r,
-                             uint32_t k) {
-    mni_bench *b = book->bench;
+static float measure_middles(mni_bench *b, mni_vertex *vertex, const uint32_t *ring,
+                             uint32_t ring_count, uint32_t r, uint32_t k) {
     mni_points *m = &b->middle;
-    const float *at_k = &s->position[3 * (size_t)k], *at_r = &s->position[3 * (size_t)r];
+    const float *at_k = vertex[k].p, *at_r = vertex[r].p;
     float largest = 0;
     for (uint32_t i = 0; i < ring_count;) {
         for (m->count = 0; i < ring_count && m->count < MNI_POINTS; i++) {
-            if (ring[i].vertex == k)
+            if (ring[i] == k)
                 continue;
-            const float *at_n = &s->position[3 * (size_t)ring[i].vertex];
+            const float *at_n = vertex[ring[i]].p;
             uint32_t n = m->count++;
-            b->neighbour[n] = ring[i].vertex;
+            b->neighbour[n] = ring[i];
             m->x[n] = 0.5f * (at_n[0] + at_r[0]) - at_k[0];
             m->y[n] = 0.5f * (at_n[1] + at_r[1]) - at_k[1];
             m->z[n] = 0.5f * (at_n[2] + at_r[2]) - at_k[2];
         }
         mni_star_measure(&b->star, m);
         for (uint32_t n = 0; n < m->count; n++) {
-            uint32_t v = b->neighbour[n];
+            mni_vertex *v = &vertex[b->neighbour[n]];
             largest = max_of(largest, m->distance[n]);
-            if (book->set[v] != MN_NONE)
-                book->value[v] = max_of(book->value[v], NEIGHBOUR_FACTOR * m->distance[n]);
+            if (v->set != MN_NONE)
+                v->value = max_of(v->value, NEIGHBOUR_FACTOR * m->distance[n]);
         }
     }
     return largest;
 }
 
-void mni_witness_collapse(mni_witness_book *book, mni_surface *s, const mni_ring_vertex *ring,
+void mni_witness_collapse(mni_witness_book *book, mni_surface *s, const uint32_t *ring,
                           uint32_t ring_count, uint32_t r, uint32_t k) {
     mni_bench *b = book->bench;
-    const float *at_k = &s->position[3 * (size_t)k];
+    mni_vertex *vertex = s->vertex;
+    const float *at_k = vertex[k].p;
     if (!mni_star_take(&b->star, s, k)) {
         book->no_memory = true;
         return;
     }
     b->witness.count = 0;
-    gather(book, k, at_k);
-    gather(book, r, at_k);
+    gather(book, vertex, k, at_k);
+    gather(book, vertex, r, at_k);
     mni_star_measure(&b->star, &b->witness);
-    float value = max_of(book->value[k], book->value[r]);
+    float value = max_of(vertex[k].value, vertex[r].value);
     for (uint32_t i = 0; i < b->witness.count; i++)
         value = max_of(value, SAMPLE_FACTOR * (b->witness.distance[i] + b->slack[i]));
-    float largest = measure_middles(book, s, ring, ring_count, r, k);
-    book->value[k] = max_of(value, SAMPLE_FACTOR * largest);
+    float largest = measure_middles(b, vertex, ring, ring_count, r, k);
+    vertex[k].value = max_of(value, SAMPLE_FACTOR * largest);
     thin(b);
-    keep(book, r, k, at_k);
+    keep(book, &vertex[r], &vertex[k]);
 }

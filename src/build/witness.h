@@ -14,12 +14,11 @@
  * witness.c were measured (`metanode bench error`) so that 99.9 % of the surface is within the
  * bound.
  *
- * A node's value is final when it becomes a child. One thread. Memory: 8 bytes a vertex, 4 a
+ * A node's value is final when it becomes a child. One thread. Memory: 4 bytes a vertex, 4 a
  * triangle, and at most half the vertices × sizeof(mni_witnesses). */
 #ifndef MNI_WITNESS_H
 #define MNI_WITNESS_H
 
-#include "legal.h"
 #include "surface.h"
 
 enum { MNI_WITNESSES = 8 };
@@ -32,8 +31,6 @@ typedef struct mni_witnesses {
 
 typedef struct mni_witness_book {
     const mn_mesh *mesh;
-    uint32_t *set; /* a vertex: its node's set; MN_NONE: a leaf still */
-    float *value;  /* a vertex: its node's switch value, which may still rise */
     mni_witnesses *sets;
     uint32_t sets_count;
     uint32_t *own_start; /* a vertex: in own[], the input triangles that it answers for */
@@ -44,9 +41,9 @@ typedef struct mni_witness_book {
 
 mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status *st);
 void mni_witness_close(mni_witness_book *book);
-/* r has just collapsed into k on the surface; ring: r's as it was before. Sets value[k] to the new
+/* r has just collapsed into k on the surface; ring: r's as it was before. Sets k's value to the new
  * node's switch value and raises those of the nodes around it. */
-void mni_witness_collapse(mni_witness_book *book, mni_surface *surface, const mni_ring_vertex *ring,
+void mni_witness_collapse(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,
                           uint32_t ring_count, uint32_t r, uint32_t k);
 
 #endif

@@ -274,7 +274,8 @@ typedef struct simplex {
 
 typedef struct naive {
     const mn_mesh *mesh;
-    mni_quadric *quadric; /* NULL: length */
+    mn_metric metric;
+    mni_vertex *quadric; /* the vertices' quadrics and places */
     simplex x[SIMPLICES_MAX];
     uint32_t simplices;
     uint32_t node[VERTICES_MAX]; /* MN_NONE: gone */
@@ -482,11 +483,8 @@ static void collapse(naive *s, uint32_t r, uint32_t k, int stage) {
         s->x[s->simplices++] = (simplex){
             {k, x->v[at_w], MN_NONE}, {x->origin[at_k], x->origin[at_w], MN_NONE}, MN_NONE};
     }
-    if (s->quadric != NULL) {
-        double d[3];
-        mni_way(s->mesh, r, k, d);
-        mni_quadric_add(&s->quadric[k], &s->quadric[r], d);
-    }
+    if (s->metric == MN_METRIC_QEM)
+        mni_quadric_add(&s->quadric[k], &s->quadric[r]);
     record(s, r, k, stage);
 }
 
@@ -517,7 +515,8 @@ static bool step(naive *s, int stage) {
             if (stage == 4)
                 list[count++] = (candidate){apart, k, r};
             else if (joined(s, r, k))
-                list[count++] = (candidate){mni_collapse_cost(s->mesh, s->quadric, r, k), k, r};
+                list[count++] =
+                    (candidate){mni_collapse_cost(&s->quadric[r], &s->quadric[k], s->metric), k, r};
         }
     qsort(list, count, sizeof *list, by_cost);
     for (uint32_t i = 0; i < count; i++) {
@@ -535,29 +534,30 @@ static bool step(naive *s, int stage) {
 
 /* The quadrics are the simplifier's own, walls added in its order: sums must not differ in a bit.
  */
-static mni_quadric *quadrics(const mn_mesh *mesh) {
+static void fill_quadrics(mni_surface *surface, const mn_mesh *mesh) {
     mn_status st = {0};
-    mni_surface surface;
     mni_judge judge;
-    mni_quadric *q = calloc(mesh->vertices, sizeof *q);
-    mni_quadrics_fill(q, mesh);
-    ck_assert_int_eq(mni_surface_open(&surface, mesh, &st), MN_OK);
+    mni_quadrics_fill(surface);
     ck_assert_int_eq(mni_judge_open(&judge, mesh, &st), MN_OK);
     for (uint32_t v = 0; v < mesh->vertices; v++) {
-        mni_judge_ring(&judge, &surface, v);
+        mni_judge_ring(&judge, surface, v);
         for (uint32_t i = 0; i < judge.ring_count; i++)
-            if (judge.ring[i].vertex > v && judge.ring[i].triangles == 1)
-                mni_quadric_wall(q, mesh, &surface, v, judge.ring[i].vertex);
+            if (judge.around[i] > v && judge.ring[i].triangles == 1)
+                mni_quadric_wall(surface, v, judge.around[i]);
     }
     mni_judge_close(&judge);
-    mni_surface_close(&surface);
-    return q;
 }
 
 static void run_naive(naive *s, const mn_mesh *mesh, mn_metric metric) {
+    mn_status st = {0};
+    mni_surface surface;
     memset(s, 0, sizeof *s);
     s->mesh = mesh;
-    s->quadric = metric == MN_METRIC_QEM ? quadrics(mesh) : NULL;
+    s->metric = metric;
+    ck_assert_int_eq(mni_surface_open(&surface, mesh, &st), MN_OK);
+    if (metric == MN_METRIC_QEM)
+        fill_quadrics(&surface, mesh);
+    s->quadric = surface.vertex;
     s->simplices = mesh->triangles;
     s->legal_last = mesh->vertices - 1;
     for (uint32_t t = 0; t < mesh->triangles; t++) {
@@ -570,7 +570,7 @@ static void run_naive(naive *s, const mn_mesh *mesh, mn_metric metric) {
     for (int stage = 1; stage <= 4; stage++)
         while (step(s, stage)) {
         }
-    free(s->quadric);
+    mni_surface_close(&surface);
 }
 
 /* ---- comparing ---- */
