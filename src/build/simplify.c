@@ -84,26 +84,34 @@ static mni_heap_key best_candidate(mni_simplifier *s, uint32_t r, mni_heap_key f
     return best;
 }
 
-static void offer_this(mni_simplifier *s, uint32_t r, mni_heap_key key) {
-    if (key == MNI_HEAP_KEY_NONE)
-        mni_heap_remove(&s->heap, r);
-    else
-        mni_heap_set(&s->heap, r, key);
-}
-
 /* Offers r's cheapest candidate afresh. */
 static void offer(mni_simplifier *s, uint32_t r) {
     mni_vertex *v = &s->surface.vertex[r];
     mni_heap_key best = best_candidate(s, r, 0);
     v->stale = false;
-    if (best != MNI_HEAP_KEY_NONE)
-        v->floor = best;
-    offer_this(s, r, best);
+    v->tried = best == MNI_HEAP_KEY_NONE;
+    if (v->tried) {
+        mni_heap_remove(&s->heap, r);
+        return;
+    }
+    v->floor = best;
+    mni_heap_set(&s->heap, r, best);
+}
+
+/* Until its ring changes. */
+static void withdraw(mni_simplifier *s, uint32_t r) {
+    s->surface.vertex[r].tried = true;
+    mni_heap_remove(&s->heap, r);
 }
 
 /* r's candidate is no good: its next one. */
 static void offer_next(mni_simplifier *s, uint32_t r) {
-    offer_this(s, r, best_candidate(s, r, mni_heap_key_of(&s->heap, r) + 1));
+    mni_heap_key best = best_candidate(s, r, mni_heap_key_of(&s->heap, r) + 1);
+    s->surface.vertex[r].tried = true;
+    if (best == MNI_HEAP_KEY_NONE)
+        mni_heap_remove(&s->heap, r);
+    else
+        mni_heap_set(&s->heap, r, best);
 }
 
 /* k has come into r's ring, or become cheaper to reach. */
@@ -118,10 +126,10 @@ static bool lower_floor(mni_simplifier *s, uint32_t r, uint32_t k) {
 /* r's ring has changed and k is in it: whatever was tried may be tried again. */
 static void touch(mni_simplifier *s, uint32_t r, uint32_t k) {
     mni_vertex *v = &s->surface.vertex[r];
-    if (!lower_floor(s, r, k) && v->stale)
-        return; /* the heap has it at its floor already */
     v->stale = true;
-    mni_heap_set(&s->heap, r, v->floor);
+    if (lower_floor(s, r, k) || v->tried)
+        mni_heap_set(&s->heap, r, v->floor);
+    v->tried = false;
 }
 
 static bool allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
@@ -222,6 +230,7 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
         }
     }
     vertex[k].stale = true; /* and perhaps without a candidate: its turn will show */
+    vertex[k].tried = false;
     mni_heap_set(&s->heap, k, vertex[k].floor);
     return mni_simplify_record(s, r, k);
 }
@@ -245,7 +254,7 @@ static mn_code run_stage(mni_simplifier *s, int stage) {
             offer(s, r);
         } else if (!allowed(s, r, k)) {
             if (s->judge.stuck)
-                mni_heap_remove(&s->heap, r);
+                withdraw(s, r);
             else
                 offer_next(s, r);
         } else {

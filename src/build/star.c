@@ -116,32 +116,54 @@ static uint32_t scatter(uint32_t v) {
     return (v * SCATTER) ^ (v * SCATTER >> 15);
 }
 
+static bool make_room(mni_star *star, uint32_t triangles) {
+    star->count = 0;
+    if (triangles <= star->room)
+        return true;
+    free(star->triangle);
+    star->triangle = malloc(2 * (size_t)triangles * sizeof *star->triangle);
+    star->room = star->triangle != NULL ? 2 * triangles : 0;
+    return star->triangle != NULL;
+}
+
 /* A triangle's distance looks at its edges k–a and a–b. In a closed, oriented fan its k–b is the
- * next one's k–a; in others every k–b is added as a triangle without area. */
-bool mni_star_take(mni_star *star, mni_surface *s, uint32_t k) {
+ * next one's k–a; in others every k–b is added as a triangle without area. What add() returns sums
+ * up to 0 over a closed fan. */
+static uint32_t add(mni_star *star, const mni_vertex *vertex, uint32_t k, uint32_t next,
+                    uint32_t previous) {
+    prepare(&star->triangle[star->count++], vertex[k].p, vertex[next].p, vertex[previous].p);
+    return scatter(next) - scatter(previous);
+}
+
+static bool take_slow(mni_star *star, mni_surface *s, uint32_t k) {
     uint32_t count, unpaired = 0;
     const uint32_t *fan = mni_surface_fan(s, k, &count);
-    star->count = 0;
-    if (2 * count > star->room) {
-        free(star->triangle);
-        star->room = 0;
-        star->triangle = malloc(4 * (size_t)count * sizeof *star->triangle);
-        if (star->triangle == NULL)
-            return false;
-        star->room = 4 * count;
-    }
-    const float *at_k = s->vertex[k].p;
+    if (!make_room(star, 2 * count))
+        return false;
     for (int pass = 0; pass == 0 || (pass == 1 && unpaired != 0); pass++)
         for (uint32_t i = 0; i < count; i++) {
-            const mni_simplex *x = &s->simplex[fan[i]];
-            if (x->v[2] == MN_NONE)
+            mni_corner c = mni_simplex_corner(&s->simplex[fan[i]], k);
+            if (s->simplex[fan[i]].v[2] == MN_NONE)
                 continue;
-            mni_corner c = mni_simplex_corner(x, k);
-            const float *a = s->vertex[c.next].p;
-            const float *b = s->vertex[c.previous].p;
-            prepare(&star->triangle[star->count++], at_k, pass == 0 ? a : b, b);
-            unpaired += pass == 0 ? scatter(c.next) - scatter(c.previous) : 0;
+            if (pass == 0)
+                unpaired += add(star, s->vertex, k, c.next, c.previous);
+            else
+                add(star, s->vertex, k, c.previous, c.previous);
         }
+    return true;
+}
+
+bool mni_star_take(mni_star *star, mni_surface *s, uint32_t k) {
+    mni_wheel wheel;
+    uint32_t unpaired = 0;
+    if (!mni_surface_wheel(s, k, &wheel))
+        return take_slow(star, s, k);
+    if (!make_room(star, 2 * MNI_WHEEL_MAX))
+        return false;
+    for (uint32_t i = 0; i < wheel.count; i++)
+        unpaired += add(star, s->vertex, k, wheel.next[i], wheel.previous[i]);
+    for (uint32_t i = 0; i < wheel.count && unpaired != 0; i++)
+        add(star, s->vertex, k, wheel.previous[i], wheel.previous[i]);
     return true;
 }
 

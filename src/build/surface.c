@@ -286,22 +286,21 @@ bool mni_surface_collapse(mni_surface *s, uint32_t r, uint32_t k, uint32_t colla
 
 bool mni_surface_collapse_round(mni_surface *s, const mni_wheel *wheel, uint32_t r, uint32_t k,
                                 uint32_t collapse) {
-    /* All are written behind k's list, and two of them written over. */
-    if (!reserve(s, k, wheel->count - 1))
+    uint32_t moved[MNI_WHEEL_MAX], count = 0;
+    if (!reserve(s, k, wheel->count - 2))
         return false;
-    mni_fan *to = &s->vertex[k].fan;
-    uint32_t *list = &s->pool[to->first];
-    uint32_t count = to->count;
     for (uint32_t i = 0; i < wheel->count; i++) {
         bool dies = (wheel->next[i] == k) | (wheel->previous[i] == k);
         mni_simplex *x = &s->simplex[wheel->simplex[i]];
         x->v[mni_simplex_corner(x, r).at] = k;
         x->killed = dies ? collapse : MN_NONE;
-        list[count] = wheel->simplex[i];
+        moved[count] = wheel->simplex[i];
         count += !dies;
     }
-    MN_ASSERT(count == to->count + wheel->count - 2);
-    to->count = count;
+    MN_ASSERT(count == wheel->count - 2);
+    mni_fan *to = &s->vertex[k].fan;
+    memcpy(&s->pool[to->first + to->count], moved, count * sizeof *moved);
+    to->count += count;
     s->vertex[r].fan.count = 0;
     s->alive_triangles -= 2;
     return true;

@@ -57,6 +57,7 @@ typedef struct mni_vertex {
     double x, y, z;       /* b */
     mni_fan fan;          /* its simplices */
     bool stale;           /* its key in the heap is only a lower bound */
+    bool tried;           /* it is not in the heap, or its key there is above the floor */
 } mni_vertex;
 
 typedef struct mni_surface {
