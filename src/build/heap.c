@@ -50,6 +50,11 @@ static inline const mni_heap_item *lesser(const mni_heap_item *a, const mni_heap
     return less(b, a) ? b : a;
 }
 
+uint32_t mni_heap_second(const mni_heap *h) {
+    const mni_heap_item *child = &h->item[1];
+    return (uint32_t)(lesser(lesser(child, child + 1), lesser(child + 2, child + 3)) - h->item);
+}
+
 static void down(mni_heap *h, uint32_t i, mni_heap_item item) {
     for (;;) {
         uint64_t first = (uint64_t)i * ARITY + 1;

@@ -59,6 +59,13 @@ static inline uint32_t mni_heap_top(const mni_heap *heap) {
 static inline mni_heap_key mni_heap_key_of(const mni_heap *heap, uint32_t vertex) {
     return heap->item[heap->at[vertex]].key;
 }
+/* A forecast of what comes to the top next: the index of the least item below the top, and, of an
+ * index, that of the first of the four items below it. Of a heap of MNI_HEAP_FORECAST and more. */
+enum { MNI_HEAP_FORECAST = 1 + 4 + 16 };
+uint32_t mni_heap_second(const mni_heap *heap);
+static inline uint32_t mni_heap_below(uint32_t index) {
+    return 4 * index + 1;
+}
 /* Inserts, or moves to where the new key belongs. */
 void mni_heap_set(mni_heap *heap, uint32_t vertex, mni_heap_key key);
 void mni_heap_remove(mni_heap *heap, uint32_t vertex); /* if it is there */

@@ -235,6 +235,22 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     return mni_simplify_record(s, r, k);
 }
 
+/* The collapses are all over the mesh, so whatever comes to the top has to be fetched. While one is
+ * made the next ones' data are on their way. */
+static void look_ahead(const mni_simplifier *s) {
+    const mni_surface *surface = &s->surface;
+    const mni_heap *heap = &s->heap;
+    if (heap->count < MNI_HEAP_FORECAST)
+        return;
+    uint32_t second = mni_heap_second(heap);
+    for (uint32_t i = 0; i < 4; i++) {
+        mni_surface_fetch_vertex(surface, heap->item[mni_heap_below(second) + i].vertex);
+        mni_surface_fetch_list(surface, heap->item[mni_heap_below(0) + i].vertex);
+    }
+    mni_surface_fetch_simplices(surface, heap->item[second].vertex);
+    mni_surface_fetch_vertex(surface, mni_heap_key_kept(heap->item[second].key));
+}
+
 static mn_code run_stage(mni_simplifier *s, int stage) {
     s->stage = stage;
     for (uint32_t v = 0; v < s->mesh->vertices; v++)
@@ -250,6 +266,7 @@ static mn_code run_stage(mni_simplifier *s, int stage) {
         }
         mni_heap_key key = mni_heap_key_of(&s->heap, r);
         uint32_t k = mni_heap_key_kept(key);
+        look_ahead(s);
         if (s->surface.vertex[r].stale || key_of(s, r, k) > key) {
             offer(s, r);
         } else if (!allowed(s, r, k)) {

@@ -105,6 +105,23 @@ static inline uint32_t mni_wheel_find(const uint32_t *list, uint32_t count, uint
     return (uint32_t)__builtin_ctz(found | 1u << MNI_WHEEL_MAX);
 }
 
+/* Nothing but haste: what will be asked about v soon is fetched meanwhile. Each wants the one
+ * before to have arrived. */
+static inline void mni_surface_fetch_vertex(const mni_surface *surface, uint32_t v) {
+    __builtin_prefetch(&surface->vertex[v]);
+    __builtin_prefetch(&surface->vertex[v].xy);
+}
+static inline void mni_surface_fetch_list(const mni_surface *surface, uint32_t v) {
+    const mni_fan *f = &surface->vertex[v].fan;
+    __builtin_prefetch(&surface->pool[f->first]);
+    __builtin_prefetch(&surface->pool[f->first + f->count]);
+}
+static inline void mni_surface_fetch_simplices(const mni_surface *surface, uint32_t v) {
+    const mni_fan *f = &surface->vertex[v].fan;
+    for (uint32_t i = 0; i < f->count && i < MNI_WHEEL_MAX; i++)
+        __builtin_prefetch(&surface->simplex[surface->pool[f->first + i]]);
+}
+
 /* Moves every simplex of r to k; those that hold both die with the mark `collapse`, and hinges take
  * their place where nothing else joins k to an apex. False: no memory. */
 bool mni_surface_collapse(mni_surface *surface, uint32_t r, uint32_t k, uint32_t collapse);
