@@ -261,6 +261,10 @@ static bool singular_vertex(mni_judge *j) {
 static bool round_link(mni_judge *j, mni_surface *s, uint32_t k) {
     mni_wheel of_k;
     uint32_t n = j->ring_count;
+    for (uint32_t i = 0; i < n; i++) {
+        __builtin_prefetch(&j->normal[3 * (size_t)j->wheel.simplex[i]]);
+        mni_surface_fetch_vertex(s, j->around[i]);
+    }
     if (n == 3)
         return !triangle_holds(s, j->around[1], j->around[2], k);
     bool short_k = mni_surface_wheel(s, k, &of_k);

@@ -135,6 +135,9 @@ static void touch(mni_simplifier *s, uint32_t r, uint32_t k) {
 static bool allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
     if (s->stage == 3)
         return true;
+    mni_surface_fetch_list(&s->surface, k);
+    mni_witness_fetch(&s->witness, &s->surface, r);
+    mni_witness_fetch(&s->witness, &s->surface, k);
     return mni_judge_link(&s->judge, &s->surface, r, k) &&
            (s->stage == 2 || mni_judge_fold(&s->judge, &s->surface, r, k));
 }
@@ -232,6 +235,8 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     vertex[k].stale = true; /* and perhaps without a candidate: its turn will show */
     vertex[k].tried = false;
     mni_heap_set(&s->heap, k, vertex[k].floor);
+    if (s->heap.count > 0)
+        mni_surface_fetch_neighbours(&s->surface, mni_heap_top(&s->heap));
     return mni_simplify_record(s, r, k);
 }
 

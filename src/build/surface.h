@@ -121,6 +121,13 @@ static inline void mni_surface_fetch_simplices(const mni_surface *surface, uint3
     for (uint32_t i = 0; i < f->count && i < MNI_WHEEL_MAX; i++)
         __builtin_prefetch(&surface->simplex[surface->pool[f->first + i]]);
 }
+static inline void mni_surface_fetch_neighbours(const mni_surface *surface, uint32_t v) {
+    const mni_fan *f = &surface->vertex[v].fan;
+    for (uint32_t i = 0; i < f->count && i < MNI_WHEEL_MAX; i++) {
+        const mni_simplex *x = &surface->simplex[surface->pool[f->first + i]];
+        __builtin_prefetch(&surface->vertex[mni_simplex_corner(x, v).next]);
+    }
+}
 
 /* Moves every simplex of r to k; those that hold both die with the mark `collapse`, and hinges take
  * their place where nothing else joins k to an apex. False: no memory. */

@@ -45,5 +45,16 @@ void mni_witness_close(mni_witness_book *book);
  * node's switch value and raises those of the nodes around it. */
 void mni_witness_collapse(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,
                           uint32_t ring_count, uint32_t r, uint32_t k);
+/* Nothing but haste: v's witnesses will be asked for soon. */
+static inline void mni_witness_fetch(const mni_witness_book *book, const mni_surface *surface,
+                                     uint32_t v) {
+    uint32_t set = surface->vertex[v].set;
+    if (set == MN_NONE) {
+        __builtin_prefetch(&book->own_start[v]);
+    } else {
+        __builtin_prefetch(&book->sets[set]);
+        __builtin_prefetch(&book->sets[set].z);
+    }
+}
 
 #endif
