@@ -59,6 +59,9 @@ static void down(mni_heap *h, uint32_t i, mni_heap_item item) {
     for (;;) {
         uint64_t first = (uint64_t)i * ARITY + 1;
         const mni_heap_item *child = &h->item[first], *best = child;
+        if ((first + ARITY) * ARITY < h->count) /* one of the children's children's lines is next */
+            for (uint64_t c = 0; c < ARITY; c++)
+                __builtin_prefetch(&h->item[(first + c) * ARITY + 1]);
         if (first + ARITY <= h->count)
             best = lesser(lesser(child, child + 1), lesser(child + 2, child + 3));
         else if (first < h->count)
