@@ -400,6 +400,9 @@ mni_outcome mni_front_split(mni_front *f, uint32_t slot) {
     mni_front_node *p = &f->node[slot];
     MN_ASSERT((p->flags & (MNI_NODE_ACTIVE | MNI_NODE_EXPANDED)) == MNI_NODE_ACTIVE);
     MN_ASSERT(!mni_front_is_leaf(f, slot));
+    /* Its caller has asked what blocks it: nothing does, and so no witness waits for the way back.
+     */
+    MN_ASSERT(p->witness == MN_NONE);
     if (p->flags & MNI_NODE_BAD)
         return MNI_BAD;
     if (f->pairs_used == f->pairs_max)
@@ -475,7 +478,6 @@ static void join(mni_front *f, uint32_t pair) {
     corners_join(f, pair, slot);
     p->flags = (uint16_t)((p->flags & MNI_NODE_KIND) | MNI_NODE_ACTIVE);
     p->pair = MN_NONE;
-    p->witness = MN_NONE;
     pair_free(f, pair);
     f->active--;
 }
