@@ -54,7 +54,8 @@ typedef struct mn_read_desc {
      * mn_simplify_need_bytes: held against ram_bytes too, so that a refusal comes early and names
      * a number that works to the end. NULL: nothing. */
     uint64_t (*then_need_bytes)(uint64_t vertices, uint64_t triangles);
-    const char *helper_dir; /* where metanode-openmesh lies; NULL: beside the running program */
+    /* Where metanode-openmesh lies; NULL: in METANODE_HELPER_DIR, or beside the running program. */
+    const char *helper_dir;
     mn_progress progress;
     void *progress_context;
 } mn_read_desc;

@@ -8,6 +8,7 @@
 #include <signal.h>
 #include <spawn.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
@@ -20,6 +21,8 @@ extern char **environ;
 
 static bool helper_path(const char *dir, const char *program, char path[PATH_MAX]) {
     char self[PATH_MAX];
+    if (dir == NULL)
+        dir = getenv("METANODE_HELPER_DIR"); /* where the program's own module is looked for, too */
     if (dir == NULL) {
         ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
         if (length <= 0)
@@ -60,7 +63,9 @@ mn_code mni_helper_open(mni_helper *helper, const char *helper_dir, const char *
     if (!helper_path(helper_dir, program, path))
         return mn_fail(st, MN_FAILED, "cannot tell where %s lies", program);
     if (access(path, X_OK) != 0)
-        return mn_fail(st, MN_FAILED, "%s is not there (%s): install libopenmesh-dev, build again",
+        return mn_fail(st, MN_FAILED,
+                       "%s is not there (%s): it belongs beside metanode or in "
+                       "METANODE_HELPER_DIR; where it was not built, install libopenmesh-dev",
                        path, strerror(errno));
     helper->errors = memfd_create(program, MFD_CLOEXEC);
     if (helper->errors < 0 || pipe2(out, O_CLOEXEC) != 0 ||

@@ -25,7 +25,7 @@ typedef struct mni_helper {
     bool cut;     /* a write or read fell short */
 } mni_helper;
 
-/* Starts helper_dir/program (helper_dir NULL: beside the running program) with args, which end with
+/* Starts helper_dir/program (helper_dir: as in mn_read_desc) with args, which end with
  * NULL and do not count the program's name. MN_FAILED where it is missing or cannot start. */
 mn_code mni_helper_open(mni_helper *helper, const char *helper_dir, const char *program,
                         const char *const *args, mn_status *st);

@@ -10,7 +10,7 @@
 #include "helper.h"
 
 static const char *dir(void) {
-    const char *given = getenv("MN_HELPER_DIR");
+    const char *given = getenv("METANODE_HELPER_DIR");
     ck_assert_ptr_nonnull(given);
     return given;
 }

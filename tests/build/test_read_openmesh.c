@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 static mn_read_desc through_openmesh(void) {
-    mn_read_desc desc = {.reader = MN_READER_OPENMESH, .helper_dir = getenv("MN_HELPER_DIR")};
+    mn_read_desc desc = {.reader = MN_READER_OPENMESH, .helper_dir = getenv("METANODE_HELPER_DIR")};
     ck_assert_ptr_nonnull(desc.helper_dir);
     return desc;
 }
@@ -29,7 +29,8 @@ static size_t make_om(char *bytes, size_t room) {
     mni_helper helper;
     mn_status st = {0};
     ck_assert_int_eq(
-        mni_helper_open(&helper, getenv("MN_HELPER_DIR"), "metanode-openmesh", args, &st), MN_OK);
+        mni_helper_open(&helper, getenv("METANODE_HELPER_DIR"), "metanode-openmesh", args, &st),
+        MN_OK);
     mni_helper_write(&helper, &head, sizeof head);
     mni_helper_write(&helper, position, sizeof position);
     mni_helper_write(&helper, corner, sizeof corner);
