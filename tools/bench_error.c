@@ -79,12 +79,15 @@ static void report(json *j, double percent, const mn_error_result *r, const opti
     json_close(j, '}');
 }
 
-static mn_code bench_tree(const mn_tree *tree, const options *o, json *j, mn_status *st) {
+static mn_code bench_tree(const mn_tree *tree, const options *o, json *j, cli_meter *meter,
+                          mn_status *st) {
     mn_code code = MN_OK;
     for (int i = 0; i < o->fronts && code == MN_OK; i++) {
         mn_error_result result;
         uint64_t triangles = (uint64_t)(o->percent[i] / 100 * tree->triangles + 0.5);
-        code = mn_error_measure(tree, triangles, o->samples, o->seed, &result, st);
+        code =
+            mn_error_measure(tree, triangles, o->samples, o->seed, CLI_WATCH(meter), &result, st);
+        cli_progress_end(meter);
         if (code == MN_OK)
             report(j, o->percent[i], &result, o);
     }
@@ -118,7 +121,7 @@ static mn_code bench_file(const char *path, const options *o, json *j, mn_status
                "near: p10, median, p90     bound mean       max  measured       max\n",
                path, tree.triangles);
     }
-    code = bench_tree(&tree, o, j, st);
+    code = bench_tree(&tree, o, j, &meter, st);
     if (o->as_json) {
         json_close(j, ']');
         json_close(j, '}');

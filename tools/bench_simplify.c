@@ -112,7 +112,7 @@ static mn_code measure_speed(const mn_mesh *mesh, const options *o, figures *f, 
 static mn_code distance(const mn_mesh *mesh, const mn_mesh *coarse, const options *o, double *mean,
                         mn_status *st) {
     mn_compare_result r;
-    mn_code code = mn_mesh_compare(mesh, coarse, o->samples, 1, &r, st);
+    mn_code code = mn_mesh_compare(mesh, coarse, o->samples, 1, NULL, &r, st);
     *mean = code == MN_OK ? (r.mean_ab + r.mean_ba) / 2 : 0;
     return code;
 }

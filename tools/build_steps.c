@@ -263,6 +263,7 @@ static void report_text(const build_steps *b) {
 }
 
 int build_report(build_steps *b) {
+    cli_progress_end(&b->meter);
     if (b->st.code == MN_OK) {
         if (b->json)
             report_json(b);

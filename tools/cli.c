@@ -160,11 +160,16 @@ bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t tota
     meter->shown_s = now;
     double spent = now - meter->started_s;
     double rate = spent > 0 ? (double)done / spent : 0;
-    if (total > 0 && rate > 0)
-        fprintf(stderr, "\r%s %3.0f %%  %.0f/s  %.0f s left \033[K", phase,
-                100.0 * (double)done / (double)total, rate, (double)(total - done) / rate);
+    fprintf(stderr, "\r%s ", phase);
+    if (total > 0)
+        fprintf(stderr, "%3.0f %%", 100.0 * (double)done / (double)total);
     else
-        fprintf(stderr, "\r%s %llu  %.0f/s \033[K", phase, (unsigned long long)done, rate);
+        fprintf(stderr, "%llu", (unsigned long long)done);
+    if (rate > 0)
+        fprintf(stderr, "  %.0f/s", rate);
+    if (rate > 0 && total > 0)
+        fprintf(stderr, "  %.0f s left", total > done ? (double)(total - done) / rate : 0);
+    fputs(" \033[K", stderr);
     return true;
 }
 
@@ -172,6 +177,7 @@ void cli_progress_end(void *context) {
     cli_meter *meter = context;
     if (meter->shown_s > 0)
         fputs("\r\033[K", stderr);
+    *meter = (cli_meter){0};
 }
 
 /* Not getrusage: what that says survives exec, and is the peak of whoever started us. Not stdio:

@@ -7,6 +7,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "metanode/build.h"
 #include "metanode/status.h"
 
 /* A subcommand: argv[0] is its name. Returns the exit code. */
@@ -49,10 +50,11 @@ typedef struct cli_meter {
     double started_s, shown_s;
     const char *phase;
 } cli_meter;
+#define CLI_WATCH(meter) (&(const mn_watch){cli_progress, meter})
 bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t total);
-void cli_progress_end(void *context);
-/* From now on the first SIGINT, SIGTERM or SIGHUP makes cli_progress ask for an end, so that work stops in
- * order and temporary files go; a second one kills. */
+void cli_progress_end(void *context); /* clears the line, and the meter */
+/* From now on the first SIGINT, SIGTERM or SIGHUP makes cli_progress ask for an end, so that work
+ * stops in order and temporary files go; a second one kills. */
 void cli_interrupts_catch(void);
 
 /* MN_USAGE, and said, where the output is the input: by whatever name, or link. Either may be NULL.

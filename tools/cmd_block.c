@@ -17,7 +17,7 @@ int cmd_block(int argc, char **argv) {
     mn_code code = build_options(&b, argc, argv, BUILD_BLOCKS, help, &done);
     if (code != MN_OK || done)
         return (int)code;
-    if (mn_tree_load(b.in, &b.tree, &b.st) == MN_OK) {
+    if (mn_tree_load(b.in, CLI_WATCH(&b.meter), &b.tree, &b.st) == MN_OK) {
         b.bytes_read = cli_file_bytes(b.in);
         build_block(&b);
     }

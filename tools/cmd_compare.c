@@ -64,9 +64,10 @@ static int compare_meshes(char **file, const mn_read_desc *read, uint64_t sample
     mn_code code = mn_mesh_read(file[0], read, &mesh[0], &st);
     if (code == MN_OK)
         code = mn_mesh_read(file[1], read, &mesh[1], &st);
-    cli_progress_end(read->progress_context);
     if (code == MN_OK)
-        code = mn_mesh_compare(&mesh[0], &mesh[1], samples, seed, &result, &st);
+        code = mn_mesh_compare(&mesh[0], &mesh[1], samples, seed, CLI_WATCH(read->progress_context),
+                               &result, &st);
+    cli_progress_end(read->progress_context);
     if (code == MN_OK)
         report(&result, diagonal_of(&mesh[0]), as_json);
     mn_mesh_free(&mesh[1]);

@@ -21,7 +21,9 @@ static mn_code extract(const char *in, const char *out, const mn_extract_desc *d
                        mn_status *st) {
     mn_tree tree;
     mn_mesh mesh;
-    mn_code code = mn_tree_load(in, &tree, st);
+    cli_meter meter = {0};
+    mn_code code = mn_tree_load(in, CLI_WATCH(&meter), &tree, st);
+    cli_progress_end(&meter);
     if (code != MN_OK)
         return code;
     code = mn_tree_extract(&tree, desc, &mesh, NULL, st);

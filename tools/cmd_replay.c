@@ -208,6 +208,7 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
     uint32_t frames = r->options.frames;
     uint32_t sample = frames / FOLDOVER_SAMPLES > 0 ? frames / FOLDOVER_SAMPLES : 1;
     mn_code code = MN_OK;
+    cli_meter meter = {0};
     struct timespec due;
     clock_gettime(CLOCK_MONOTONIC, &due);
     for (uint32_t frame = 0; frame < frames && code == MN_OK; frame++) {
@@ -225,8 +226,10 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
             code = image(r, frame, camera, st);
         if (frame % sample == 0)
             foldovers(r);
+        (void)cli_progress(&meter, "frames", frame + 1, frames);
         pace(r, &due);
     }
+    cli_progress_end(&meter);
     return code;
 }
 

@@ -120,12 +120,12 @@ int cmd_verify(int argc, char **argv) {
     mn_code code = MN_OK;
     if (against != NULL)
         code = read_input(file, against, &desc, weld, &mesh, &st);
-    cli_progress_end(&meter);
     if (code == MN_OK) {
-        code = mn_verify(file, against != NULL ? &mesh : NULL, &result, &st);
+        code = mn_verify(file, against != NULL ? &mesh : NULL, CLI_WATCH(&meter), &result, &st);
         if (against != NULL)
             mn_mesh_free(&mesh);
     }
+    cli_progress_end(&meter);
     if (code == MN_OK)
         report(file, against, &result, as_json);
     return cli_status(&st);

@@ -44,6 +44,11 @@ typedef enum mn_reader { MN_READER_OWN = 0, MN_READER_OPENMESH = 1 } mn_reader;
 /* Called now and then from long work: done of total, in `unit`s of the phase. NULL: silence.
  * Returning false asks the work to stop: it then fails with MN_FAILED "interrupted". */
 typedef bool (*mn_progress)(void *context, const char *phase, uint64_t done, uint64_t total);
+/* The same for calls without a desc; a NULL watch: silence. */
+typedef struct mn_watch {
+    mn_progress progress;
+    void *context;
+} mn_watch;
 
 typedef struct mn_read_desc {
     mn_weld weld;       /* default on; STL is always welded */
@@ -156,10 +161,11 @@ typedef struct mn_verify_result {
 /* Reads the whole .mnt (or .vdt): header, every block once, structure across blocks, and with
  * `against` (may be NULL) that full detail is that mesh, triangle for triangle, and each hinge an
  * edge of it. MN_BAD_INPUT names the first thing that is wrong. */
-mn_code mn_verify(const char *path, const mn_mesh *against, mn_verify_result *out, mn_status *st);
+mn_code mn_verify(const char *path, const mn_mesh *against, const mn_watch *watch,
+                  mn_verify_result *out, mn_status *st);
 
 /* Rebuilds the tree that a .mnt (or .vdt) holds, whole, in memory. */
-mn_code mn_tree_load(const char *path, mn_tree *out, mn_status *st);
+mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st);
 
 typedef enum mn_extract { MN_EXTRACT_FULL = 0, MN_EXTRACT_TRIANGLES, MN_EXTRACT_ERROR } mn_extract;
 typedef struct mn_extract_desc {
@@ -181,7 +187,7 @@ typedef struct mn_compare_result {
 } mn_compare_result;
 /* Model units; origins are heeded. The same seed, the same figures. */
 mn_code mn_mesh_compare(const mn_mesh *a, const mn_mesh *b, uint64_t samples, uint64_t seed,
-                        mn_compare_result *out, mn_status *st);
+                        const mn_watch *watch, mn_compare_result *out, mn_status *st);
 
 /* How honest and tight the switch values of a front are (metanode/terms.md: switch value). Samples
  * lie on the input surface, by area. A sample's bound is the largest switch value of the active
@@ -206,9 +212,9 @@ typedef struct mn_error_result {
     mn_error_ratio ratio, near;
 } mn_error_result;
 /* Of the prefix front with the most triangles that are at most `triangles`. samples 0: 1,000,000,
- * or 50 an active node when that is more, at most 16 million. */
+ * or 120 an active node when that is more, at most 16 million. */
 mn_code mn_error_measure(const mn_tree *tree, uint64_t triangles, uint64_t samples, uint64_t seed,
-                         mn_error_result *out, mn_status *st);
+                         const mn_watch *watch, mn_error_result *out, mn_status *st);
 
 /* ---- OpenMesh, in its helper program -------------------------------------------------------- */
 

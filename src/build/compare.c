@@ -7,16 +7,18 @@
 
 #include "distance.h"
 #include "sampler.h"
+#include "watch.h"
 
 #define SAMPLES_MAX (UINT64_C(1) << 40)
+enum { WATCH_EVERY = 4096 }; /* samples */
 
 typedef struct sums {
     double sum, sum_squares, max;
 } sums;
 
-/* From samples on `from` to the surface `to`. */
+/* From samples on `from` to the surface `to`. done: samples before these, of twice as many. */
 static mn_code one_way(const mn_mesh *from, const mn_mesh *to, uint64_t samples, uint64_t seed,
-                       sums *out, mn_status *st) {
+                       const mn_watch *watch, uint64_t done, sums *out, mn_status *st) {
     double shift[3]; /* from's origin, seen from to's */
     for (int a = 0; a < 3; a++)
         shift[a] = from->origin[a] - to->origin[a];
@@ -30,7 +32,9 @@ static mn_code one_way(const mn_mesh *from, const mn_mesh *to, uint64_t samples,
     uint64_t triangle;
     uint32_t hint = 0;
     *out = (sums){0};
-    while (mni_sampler_next(&sampler, point, &triangle, weight)) {
+    while (code == MN_OK && mni_sampler_next(&sampler, point, &triangle, weight)) {
+        if (done++ % WATCH_EVERY == 0)
+            code = mni_watch(watch, "measuring", done - 1, 2 * samples, st);
         for (int a = 0; a < 3; a++)
             point[a] += shift[a];
         double d = mni_distance_nearest(distance, point, &hint);
@@ -39,11 +43,11 @@ static mn_code one_way(const mn_mesh *from, const mn_mesh *to, uint64_t samples,
         out->max = d > out->max ? d : out->max;
     }
     mni_distance_close(distance);
-    return MN_OK;
+    return code;
 }
 
 mn_code mn_mesh_compare(const mn_mesh *a, const mn_mesh *b, uint64_t samples, uint64_t seed,
-                        mn_compare_result *out, mn_status *st) {
+                        const mn_watch *watch, mn_compare_result *out, mn_status *st) {
     *out = (mn_compare_result){0};
     if (a->triangles == 0 || b->triangles == 0)
         return mn_fail(st, MN_BAD_INPUT, "a mesh without triangles has no distance");
@@ -51,9 +55,9 @@ mn_code mn_mesh_compare(const mn_mesh *a, const mn_mesh *b, uint64_t samples, ui
         return mn_fail(st, MN_USAGE, "%llu samples: give a number from 1 to 2^40",
                        (unsigned long long)samples);
     sums ab, ba;
-    mn_code code = one_way(a, b, samples, 2 * seed, &ab, st);
+    mn_code code = one_way(a, b, samples, 2 * seed, watch, 0, &ab, st);
     if (code == MN_OK)
-        code = one_way(b, a, samples, 2 * seed + 1, &ba, st);
+        code = one_way(b, a, samples, 2 * seed + 1, watch, samples, &ba, st);
     if (code != MN_OK)
         return code;
     double n = (double)samples;

@@ -12,6 +12,8 @@
 #include "assert.h"
 #include "distance.h"
 #include "sampler.h"
+#include "tree.h"
+#include "watch.h"
 
 #define SLACK 1e-7   /* of the diagonal: positions and switch values are floats */
 #define VISIBLE 1e-6 /* of the diagonal: measured maxima below say nothing about tightness */
@@ -19,7 +21,8 @@ enum {
     NODE_SAMPLES_MIN = 100,
     SAMPLES_MIN = 1000000,
     SAMPLES_MAX = 16000000,
-    SAMPLES_A_NODE = 120
+    SAMPLES_A_NODE = 120,
+    WATCH_EVERY = 4096, /* samples */
 };
 
 /* What was measured at an active node. */
@@ -44,22 +47,6 @@ static uint32_t leaf_lo(const mn_tree *t, uint32_t node) {
 
 static double switch_value(const mn_tree *t, uint32_t node) {
     return node < t->leaves ? 0 : (double)t->switch_value[node - t->leaves];
-}
-
-static uint64_t triangles_killed(const mn_tree *t, uint32_t inner) {
-    uint64_t count = 0;
-    for (uint32_t s = t->simplex_start[inner]; s < t->simplex_start[inner + 1]; s++)
-        count += t->corner[3 * (uint64_t)s + 2] != MN_NONE;
-    return count;
-}
-
-/* Collapses to carry out so that at most so many triangles are left. */
-static uint32_t prefix_for(const mn_tree *t, uint64_t triangles) {
-    uint64_t left = t->triangles;
-    uint32_t made = 0;
-    while (made < t->inner && left > triangles)
-        left -= triangles_killed(t, made++);
-    return made;
 }
 
 /* Fills owner: the highest of the first `made` inner nodes above each leaf. In falling order, a
@@ -194,7 +181,8 @@ static void fill_input(const mn_tree *t, uint32_t *corner) {
         }
 }
 
-static mn_code take_samples(measure *m, uint64_t samples, uint64_t seed, mn_status *st) {
+static mn_code take_samples(measure *m, uint64_t samples, uint64_t seed, const mn_watch *watch,
+                            mn_status *st) {
     const mn_tree *t = m->tree;
     mni_distance *distance = NULL;
     mn_code code = mni_distance_open(t->leaf_position, m->corner, m->corners, &distance, st);
@@ -206,18 +194,20 @@ static mn_code take_samples(measure *m, uint64_t samples, uint64_t seed, mn_stat
     double point[3], weight[3];
     uint64_t triangle;
     uint32_t hint = 0;
-    while (mni_sampler_next(&sampler, point, &triangle, weight)) {
+    while (code == MN_OK && mni_sampler_next(&sampler, point, &triangle, weight)) {
+        if (m->out->samples % WATCH_EVERY == 0)
+            code = mni_watch(watch, "measuring", m->out->samples, samples, st);
         double measured = mni_distance_nearest(distance, point, &hint);
         take_sample(m, m->corner + 3 * triangle, weight, measured);
     }
     mni_distance_close(distance);
     m->out->bound_mean /= (double)samples;
     m->out->measured_mean /= (double)samples;
-    return MN_OK;
+    return code;
 }
 
 mn_code mn_error_measure(const mn_tree *t, uint64_t triangles, uint64_t samples, uint64_t seed,
-                         mn_error_result *out, mn_status *st) {
+                         const mn_watch *watch, mn_error_result *out, mn_status *st) {
     *out = (mn_error_result){0};
     measure m = {.tree = t, .out = out, .diagonal = diagonal_of(t)};
     uint64_t room = t->triangles + (uint64_t)t->leaves; /* active triangles and lone nodes */
@@ -230,11 +220,11 @@ mn_code mn_error_measure(const mn_tree *t, uint64_t triangles, uint64_t samples,
     if (!m.owner || !m.corner || !m.all || !m.near || !ratio)
         code = mn_fail(st, MN_FAILED, "no memory to measure a tree of %u leaves", t->leaves);
     if (code == MN_OK) {
-        uint32_t made = prefix_for(t, triangles);
+        uint32_t made = mni_tree_prefix(t, triangles);
         fill_owners(&m, made);
         fill_corners(&m, made);
         out->diagonal = m.diagonal;
-        code = take_samples(&m, samples > 0 ? samples : samples_for(out->nodes), seed, st);
+        code = take_samples(&m, samples > 0 ? samples : samples_for(out->nodes), seed, watch, st);
     }
     if (code == MN_OK) {
         out->ratio = sum_up(&m, m.all, ratio);

@@ -266,6 +266,7 @@ bool mn_tree_is_vdt(const char *path) {
     return memcmp(first, magic, sizeof magic) == 0;
 }
 
-mn_code mn_tree_load(const char *path, mn_tree *out, mn_status *st) {
-    return mn_tree_is_vdt(path) ? mn_tree_read(path, out, st) : mni_mnt_load(path, out, NULL, st);
+mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st) {
+    return mn_tree_is_vdt(path) ? mn_tree_read(path, out, st)
+                                : mni_mnt_load(path, watch, out, NULL, st);
 }

@@ -20,6 +20,9 @@
 #include "frame.h"
 #include "header.h"
 #include "tree.h"
+#include "watch.h"
+
+enum { WATCH_EVERY = 64 }; /* blocks */
 
 typedef struct exit_record {
     uint32_t parent; /* inner index; MN_NONE: a root of the forest */
@@ -416,7 +419,8 @@ static mn_code finish(loader *l) {
     return code == MN_OK ? compare_header(l) : code;
 }
 
-mn_code mni_mnt_load(const char *path, mn_tree *out, mn_header *header, mn_status *st) {
+mn_code mni_mnt_load(const char *path, const mn_watch *watch, mn_tree *out, mn_header *header,
+                     mn_status *st) {
     memset(out, 0, sizeof *out);
     loader l = {.path = path, .tree = out, .in = {.fd = -1}};
     mn_status own = {0};
@@ -441,6 +445,8 @@ mn_code mni_mnt_load(const char *path, mn_tree *out, mn_header *header, mn_statu
     while (code == MN_OK && l.tasks > 0) {
         task next = l.task[--l.tasks];
         code = load_block(&l, &next);
+        if (code == MN_OK && l.found.blocks % WATCH_EVERY == 0)
+            code = mni_watch(watch, "loading", l.found.blocks, h->blocks, l.st);
     }
     if (code == MN_OK)
         code = finish(&l);

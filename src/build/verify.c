@@ -197,12 +197,13 @@ static mn_code compare(const char *path, const mn_tree *t, const mn_mesh *m, uin
     return code;
 }
 
-mn_code mn_verify(const char *path, const mn_mesh *against, mn_verify_result *out, mn_status *st) {
+mn_code mn_verify(const char *path, const mn_mesh *against, const mn_watch *watch,
+                  mn_verify_result *out, mn_status *st) {
     mn_tree tree;
     mn_header header = {0};
     memset(out, 0, sizeof *out);
     mn_code code = mn_tree_is_vdt(path) ? mn_tree_read(path, &tree, st)
-                                        : mni_mnt_load(path, &tree, &header, st);
+                                        : mni_mnt_load(path, watch, &tree, &header, st);
     if (code != MN_OK)
         return code;
     out->blocks = header.blocks;

@@ -156,7 +156,7 @@ static mn_mesh ball(uint32_t n, double r) {
 static mn_compare_result compare(const mn_mesh *a, const mn_mesh *b, uint64_t samples) {
     mn_compare_result r;
     mn_status st = {0};
-    ck_assert_msg(mn_mesh_compare(a, b, samples, seed, &r, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_mesh_compare(a, b, samples, seed, NULL, &r, &st) == MN_OK, "%s", st.text);
     ck_assert_uint_eq(r.samples, samples);
     return r;
 }
@@ -237,9 +237,32 @@ START_TEST(nothing_to_compare_is_refused) {
     mn_mesh a = square(1, 0), none = {0};
     mn_compare_result r;
     mn_status st = {0};
-    ck_assert_int_eq(mn_mesh_compare(&a, &none, 10, 0, &r, &st), MN_BAD_INPUT);
+    ck_assert_int_eq(mn_mesh_compare(&a, &none, 10, 0, NULL, &r, &st), MN_BAD_INPUT);
     st = (mn_status){0};
-    ck_assert_int_eq(mn_mesh_compare(&a, &a, 0, 0, &r, &st), MN_USAGE);
+    ck_assert_int_eq(mn_mesh_compare(&a, &a, 0, 0, NULL, &r, &st), MN_USAGE);
+    drop(&a);
+}
+END_TEST
+
+/* context: calls so far. Asks for an end at the 20th. */
+static bool stop_at_20(void *context, const char *phase, uint64_t done, uint64_t total) {
+    int *calls = context;
+    ck_assert_str_eq(phase, "measuring");
+    ck_assert_uint_eq(total, 2 * 60000);
+    ck_assert_uint_eq(done, 4096 * (uint64_t)*calls);
+    return ++*calls < 20;
+}
+
+/* Both ways count as one work, and it ends where it is told to. */
+START_TEST(watched_and_stopped) {
+    mn_mesh a = square(1, 0);
+    mn_compare_result r;
+    mn_status st = {0};
+    int calls = 0;
+    ck_assert_int_eq(mn_mesh_compare(&a, &a, 60000, 0, &(mn_watch){stop_at_20, &calls}, &r, &st),
+                     MN_FAILED);
+    ck_assert_str_eq(st.text, "interrupted");
+    ck_assert_int_eq(calls, 20);
     drop(&a);
 }
 END_TEST
@@ -258,6 +281,7 @@ int main(void) {
     tcase_add_test(tc, known_distances);
     tcase_add_test(tc, origins_and_sides);
     tcase_add_test(tc, nothing_to_compare_is_refused);
+    tcase_add_test(tc, watched_and_stopped);
     suite_add_tcase(suite, tc);
     SRunner *runner = srunner_create(suite);
     srunner_run_all(runner, CK_NORMAL);

@@ -84,7 +84,7 @@ static void free_image(image *im) {
 static mn_code verify(const char *path, mn_status *st) {
     mn_verify_result result;
     memset(st, 0, sizeof *st);
-    return mn_verify(path, NULL, &result, st);
+    return mn_verify(path, NULL, NULL, &result, st);
 }
 
 START_TEST(every_flipped_byte_of_a_mnt_is_noticed) {
@@ -249,7 +249,7 @@ START_TEST(lying_files_are_found_out_or_harmless) {
         lie(at, 24, fixture_random(&state) % 4 ? 400 : payload, &state);
         reseal_block(at, ref.pages);
         store_bytes(path, bytes, im.size);
-        mn_code code = mn_tree_load(path, &back, &st);
+        mn_code code = mn_tree_load(path, NULL, &back, &st);
         if (code == MN_OK) { /* unused bits, or what nobody reads */
             fixture_same(&im.tree, &back);
             mn_tree_free(&back);
@@ -288,7 +288,7 @@ START_TEST(lying_headers_are_found_out) {
         memcpy(im.bytes, page, sizeof page);
         store_bytes(path, im.bytes, im.size);
         memcpy(im.bytes, saved, sizeof saved);
-        mn_code code = mn_tree_load(path, &back, &st);
+        mn_code code = mn_tree_load(path, NULL, &back, &st);
         if (code == MN_OK) {
             fixture_same(&im.tree, &back);
             mn_tree_free(&back);

@@ -37,7 +37,8 @@ static const mn_tree square = {.leaves = 4,
 static mn_error_result measure(const mn_tree *tree, uint64_t triangles, uint64_t samples) {
     mn_error_result r;
     mn_status st = {0};
-    ck_assert_msg(mn_error_measure(tree, triangles, samples, 3, &r, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_error_measure(tree, triangles, samples, 3, NULL, &r, &st) == MN_OK, "%s",
+                  st.text);
     return r;
 }
 

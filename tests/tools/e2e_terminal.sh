@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# Goal: long work says on a terminal how far it is, how fast, and how long yet, for each of its phases, and
+# leaves the line clean; in a pipe it says nothing.
+# Method: the same commands with a terminal of script(1) for standard error, and without.
+# e2e_terminal.sh [BUILD]
+source "$(dirname "$0")/e2e_lib.sh"
+cd "$scratch"
+
+if ! script -qec true /dev/null >/dev/null 2>&1 </dev/null; then
+    skip "no terminal can be had of script(1)"
+    finish
+fi
+
+# phases NAME PHASE… -- ARGUMENT…: each phase shows, in that order. All three figures stand there from the
+# second time on that a phase shows: every 0.2 s.
+phases() {
+    local name=$1 wanted=() shown
+    shift
+    while [[ $1 != -- ]]; do
+        wanted+=("$1")
+        shift
+    done
+    shift
+    expect 0 "$name, in a pipe" "$@"
+    check "$name: silence in a pipe" test ! -s "$err"
+    script -qec "$metanode $* >$scratch/figures" /dev/null >"$out" 2>"$err" </dev/null || fail "$name: exit $?"
+    tr '\r' '\n' <"$out" | grep -E '^[a-z]+ +[0-9]+ %' >lines || true
+    shown=$(awk '{print $1}' lines | uniq | paste -sd' ')
+    check "$name: phases $shown" test "$shown" = "${wanted[*]}"
+    check "$name: never more than all" test "$(awk '$2 > 100' lines | wc -l)" -eq 0
+    check "$name: rate and time left" awk '$1 == last && !/%  [0-9]+\/s  [0-9]+ s left/ {exit 1} {last = $1}' lines
+    check "$name: the line is cleaned" test "$(tail -c 4 "$out" | od -An -c | tr -d ' ')" = '\r033[K'
+}
+
+expect 0 model make sphere --triangles 250000 -o ball.ply || finish
+part phases make making -- make isosurface --triangles 3000000 -o rock.ply
+part phases build read simplify blocking writing -- build ball.ply -o ball.mnt
+check "a build shows more than once" test "$(wc -l <lines)" -gt 4
+part phases simplify read simplify -- simplify ball.ply -o ball.vdt
+part phases block loading blocking writing -- block ball.mnt -o other.mnt
+part phases verify read loading -- verify ball.mnt --against ball.ply
+part phases extract loading -- extract ball.mnt --triangles 9000 -o coarse.ply
+part phases compare read measuring -- compare ball.ply coarse.ply --samples 300000
+part phases "bench error" read simplify measuring -- bench error ball.ply --fronts 1 --samples 100000
+part phases replay frames -- replay ball.mnt --path orbit --frames 30
+script -qec "$metanode build missing.ply -o x.mnt" /dev/null >"$out" 2>"$err" </dev/null || true
+check "an error has a line of its own" grep -qE '^metanode: missing.ply' "$out"
+finish
