@@ -1,7 +1,7 @@
 /* The front: the expanded tree, the active simplices, and the two moves between them.
  *
- * Hides: how nodes, pairs, simplices and corner lists lie in memory, how a child's record is found
- * in the blocks, and how the third corner of a simplex that appears is found.
+ * Hides: how a move changes slots, branches, simplices and corner lists, how a child's record is
+ * found in the blocks, and how the third corner of a simplex that appears is found.
  *
  * Order of calls: open; then blocker tests and moves in any order. A split is followed by release
  * (it stays) or unsplit (it never was), the latter in reverse order of the splits.
@@ -27,53 +27,67 @@ static size_t take(mni_arena *arena, void *field, size_t count, size_t size) {
 
 /* Takes the arrays, or, without an arena, says what they would need: one list for both. */
 static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
-    size_t slots = 2 * (size_t)f->pairs_max, corners = 3 * (size_t)f->simplices_max, sum = 0;
+    size_t slots = f->nodes_max, simplices = f->simplices_max, sum = 0;
+    f->chunks_max = (uint32_t)(3 * simplices / MNI_FRONT_CHUNK);
     sum += take(arena, &f->position, slots, 3 * sizeof *f->position);
     sum += colors ? take(arena, &f->color, slots, sizeof *f->color) : 0;
     sum += take(arena, &f->switch_value, slots, sizeof *f->switch_value);
+    sum += take(arena, &f->radius, slots, sizeof *f->radius);
     sum += take(arena, &f->node, slots, sizeof *f->node);
-    sum += take(arena, &f->pair, f->pairs_max, sizeof *f->pair);
-    sum += take(arena, &f->simplex_leaf, corners, sizeof *f->simplex_leaf);
-    sum += take(arena, &f->simplex_node, corners, sizeof *f->simplex_node);
-    sum += take(arena, &f->next, corners, sizeof *f->next);
-    sum += take(arena, &f->prev, corners, sizeof *f->prev);
+    sum += take(arena, &f->branch, slots, sizeof *f->branch);
+    sum += take(arena, &f->simplex_node, simplices, 3 * sizeof *f->simplex_node);
+    sum += take(arena, &f->simplex_leaf, simplices, 3 * sizeof *f->simplex_leaf);
+    sum += take(arena, &f->chunk, f->chunks_max, sizeof *f->chunk);
     sum += take(arena, &f->node_stamp, slots / MN_FRONT_PAGE + 1, sizeof *f->node_stamp);
-    sum += take(arena, &f->simplex_stamp, f->simplices_max / MN_FRONT_PAGE + 1,
-                sizeof *f->simplex_stamp);
+    sum += take(arena, &f->simplex_stamp, simplices / MN_FRONT_PAGE + 1, sizeof *f->simplex_stamp);
     return sum;
 }
 
 size_t mni_front_need_bytes(const mn_header *header, uint32_t nodes_max, uint32_t simplices_max) {
-    mni_front shape = {.pairs_max = nodes_max, .simplices_max = simplices_max};
+    mni_front shape = {.nodes_max = nodes_max, .simplices_max = simplices_max};
     return lay_out(&shape, NULL, header->has_colors);
 }
 
-static uint32_t pair_new(mni_front *f) {
-    uint32_t i = f->pair_free;
-    if (i != MN_NONE) {
-        f->pair_free = f->pair[i].killed;
+static uint32_t slot_new(mni_front *f) {
+    uint32_t slot = f->slot_free;
+    if (slot != MN_NONE) {
+        f->slot_free = f->node[slot].corner[0];
     } else {
-        MN_ASSERT(f->pairs_high < f->pairs_max);
-        i = f->pairs_high++;
+        MN_ASSERT(f->slots_high < f->nodes_max);
+        slot = f->slots_high++;
     }
-    f->pairs_used++;
-    f->node_stamp[2 * i / MN_FRONT_PAGE] = (uint32_t)f->version; /* whoever takes it fills it */
-    f->pair[i] = (mni_front_pair){.parent = MN_NONE, .witness = MN_NONE};
-    return i;
+    f->active++;
+    return slot;
 }
 
-static void pair_free(mni_front *f, uint32_t i) {
-    f->node[2 * i].flags = f->node[2 * i + 1].flags = 0;
-    f->pair[i].parent = MN_NONE;
-    f->pair[i].killed = f->pair_free;
-    f->pair_free = i;
-    f->pairs_used--;
+static void slot_free(mni_front *f, uint32_t slot) {
+    f->node[slot].order = MN_NONE;
+    f->node[slot].corner[0] = f->slot_free;
+    f->slot_free = slot;
+    f->active--;
+}
+
+static uint32_t branch_new(mni_front *f) {
+    uint32_t b = f->branch_free;
+    if (b != MN_NONE) {
+        f->branch_free = f->branch[b].parent;
+    } else {
+        MN_ASSERT(f->branches_high < f->nodes_max);
+        b = f->branches_high++;
+    }
+    return b;
+}
+
+static void branch_free(mni_front *f, uint32_t b) {
+    f->branch[b].slot = MN_NONE;
+    f->branch[b].parent = f->branch_free;
+    f->branch_free = b;
 }
 
 static uint32_t simplex_new(mni_front *f) {
     uint32_t s = f->simplex_free;
     if (s != MN_NONE) {
-        f->simplex_free = f->next[3 * (size_t)s];
+        f->simplex_free = f->simplex_leaf[3 * (size_t)s];
     } else {
         MN_ASSERT(f->simplices_high < f->simplices_max);
         s = f->simplices_high++;
@@ -85,38 +99,155 @@ static uint32_t simplex_new(mni_front *f) {
 static void simplex_free(mni_front *f, uint32_t s) {
     f->simplex_node[3 * (size_t)s] = MN_NONE;
     f->simplex_stamp[s / MN_FRONT_PAGE] = (uint32_t)f->version;
-    f->next[3 * (size_t)s] = f->simplex_free;
+    f->simplex_leaf[3 * (size_t)s] = f->simplex_free;
     f->simplex_free = s;
     f->simplices_used--;
 }
 
 /* ---- corner lists ---------------------------------------------------------------------------- */
 
+static inline uint32_t *node_of(const mni_front *f, uint32_t c) {
+    return &f->simplex_node[3 * (size_t)(c / 4) + c % 4];
+}
+
+static inline uint32_t leaf_of(const mni_front *f, uint32_t c) {
+    return f->simplex_leaf[3 * (size_t)(c / 4) + c % 4];
+}
+
+/* A stretch of a node's corners: those before the first MN_NONE. */
+typedef struct run {
+    uint32_t *corner; /* NULL: no more */
+    uint32_t room, more;
+} run;
+
+static inline run run_first(const mni_front *f, uint32_t slot) {
+    mni_front_node *n = &f->node[slot];
+    return (run){n->corner, MNI_FRONT_CORNERS, n->more};
+}
+
+static inline run run_next(const mni_front *f, run r) {
+    if (r.more == MN_NONE)
+        return (run){NULL, 0, MN_NONE};
+    return (run){f->chunk[r.more].corner, MNI_FRONT_CHUNK, f->chunk[r.more].next};
+}
+
+static inline uint32_t run_count(const uint32_t *corner, uint32_t room) {
+    uint32_t count = 0;
+    while (count < room && corner[count] != MN_NONE)
+        count++;
+    return count;
+}
+
+static uint32_t chunk_new(mni_front *f) {
+    uint32_t i = f->chunk_free;
+    if (i != MN_NONE) {
+        f->chunk_free = f->chunk[i].next;
+    } else {
+        MN_ASSERT(f->chunks_high < f->chunks_max);
+        i = f->chunks_high++;
+    }
+    memset(f->chunk[i].corner, 0xff, sizeof f->chunk[i].corner);
+    return i;
+}
+
+static void chunk_free(mni_front *f, uint32_t i) {
+    f->chunk[i].next = f->chunk_free;
+    f->chunk_free = i;
+}
+
+static void corners_clear(mni_front *f, uint32_t slot) {
+    memset(f->node[slot].corner, 0xff, sizeof f->node[slot].corner);
+    f->node[slot].more = MN_NONE;
+}
+
 static void corner_push(mni_front *f, uint32_t slot, uint32_t c) {
-    uint32_t head = f->node[slot].first;
-    f->simplex_node[c] = slot;
-    f->simplex_stamp[c / (3 * MN_FRONT_PAGE)] = (uint32_t)f->version;
-    f->prev[c] = MN_NONE;
-    f->next[c] = head;
-    if (head != MN_NONE)
-        f->prev[head] = c;
-    f->node[slot].first = c;
+    mni_front_node *n = &f->node[slot];
+    if (n->more == MN_NONE) {
+        uint32_t count = run_count(n->corner, MNI_FRONT_CORNERS);
+        if (count < MNI_FRONT_CORNERS) {
+            n->corner[count] = c;
+            return;
+        }
+    }
+    uint32_t count = MNI_FRONT_CHUNK;
+    if (n->more != MN_NONE)
+        count = run_count(f->chunk[n->more].corner, MNI_FRONT_CHUNK);
+    if (count == MNI_FRONT_CHUNK) {
+        uint32_t i = chunk_new(f);
+        f->chunk[i].next = n->more;
+        n->more = i;
+        count = 0;
+    }
+    f->chunk[n->more].corner[count] = c;
 }
 
+/* Gives a corner to a slot: on its list, and in its simplex. */
+static void corner_give(mni_front *f, uint32_t slot, uint32_t c) {
+    *node_of(f, c) = slot;
+    f->simplex_stamp[c / (4 * MN_FRONT_PAGE)] = (uint32_t)f->version;
+    corner_push(f, slot, c);
+}
+
+/* The last corner of the first chunk, or of the record, takes its place. */
 static void corner_remove(mni_front *f, uint32_t c) {
-    if (f->prev[c] != MN_NONE)
-        f->next[f->prev[c]] = f->next[c];
-    else
-        f->node[f->simplex_node[c]].first = f->next[c];
-    if (f->next[c] != MN_NONE)
-        f->prev[f->next[c]] = f->prev[c];
+    uint32_t slot = *node_of(f, c), *hole = NULL, *last;
+    mni_front_node *n = &f->node[slot];
+    for (run r = run_first(f, slot); hole == NULL; r = run_next(f, r)) {
+        MN_ASSERT(r.corner != NULL);
+        for (uint32_t i = 0; i < r.room && hole == NULL; i++)
+            if (r.corner[i] == c)
+                hole = &r.corner[i];
+    }
+    if (n->more == MN_NONE) {
+        last = &n->corner[run_count(n->corner, MNI_FRONT_CORNERS) - 1];
+        *hole = *last;
+        *last = MN_NONE;
+        return;
+    }
+    mni_front_chunk *chunk = &f->chunk[n->more];
+    last = &chunk->corner[run_count(chunk->corner, MNI_FRONT_CHUNK) - 1];
+    *hole = *last;
+    *last = MN_NONE;
+    if (last == chunk->corner) {
+        uint32_t empty = n->more;
+        n->more = chunk->next;
+        chunk_free(f, empty);
+    }
 }
 
-/* The other two corners of a corner's simplex. */
-static inline void others(uint32_t c, uint32_t out[2]) {
-    uint32_t k = c % 3;
-    out[0] = k == 2 ? c - 2 : c + 1;
-    out[1] = k == 0 ? c + 2 : c - 1;
+/* A list taken off its slot, to be handed out again; the record's corners first, so that there are
+ * chunks enough at any time. */
+typedef struct loose {
+    uint32_t corner[MNI_FRONT_CHUNK]; /* at hand: up to the first MN_NONE */
+    uint32_t count, more;
+} loose;
+
+static loose corners_take(mni_front *f, uint32_t slot) {
+    mni_front_node *n = &f->node[slot];
+    loose list = {.more = n->more};
+    list.count = run_count(n->corner, MNI_FRONT_CORNERS);
+    memcpy(list.corner, n->corner, sizeof n->corner);
+    corners_clear(f, slot);
+    return list;
+}
+
+static bool corners_next(mni_front *f, loose *list) {
+    uint32_t i = list->more;
+    if (i == MN_NONE)
+        return false;
+    memcpy(list->corner, f->chunk[i].corner, sizeof list->corner);
+    list->count = run_count(list->corner, MNI_FRONT_CHUNK);
+    list->more = f->chunk[i].next;
+    chunk_free(f, i);
+    return true;
+}
+
+/* The slots of the other two corners of a corner's simplex; MN_NONE: a hinge has one. */
+static inline void others(const mni_front *f, uint32_t c, uint32_t out[2]) {
+    static const uint8_t other[4][2] = {{1, 2}, {2, 0}, {0, 1}, {0, 0}};
+    const uint32_t *node = &f->simplex_node[3 * (size_t)(c / 4)];
+    out[0] = node[other[c % 4][0]];
+    out[1] = node[other[c % 4][1]];
 }
 
 /* ---- blocks ---------------------------------------------------------------------------------- */
@@ -161,27 +292,29 @@ static bool holds_subtree(mni_front *f, mni_entry entry, uint32_t subtree) {
  * block said. */
 static bool same_node(const mni_front *f, uint32_t slot, const mni_subtree *s,
                       const mni_node *record) {
-    const mni_front_node *p = &f->node[slot];
-    const mni_facts facts = {p->order, f->switch_value[slot], p->radius, p->cone};
-    return mni_facts_equal(&facts, &record->facts) && s->leaf_lo == p->leaf_lo &&
-           s->leaf_hi == p->leaf_hi &&
+    const mni_front_node *key = &f->node[slot];
+    const mni_facts facts = {key->order, f->switch_value[slot], f->radius[slot],
+                             f->node[slot].cone};
+    return mni_facts_equal(&facts, &record->facts) && s->leaf_lo == key->leaf_lo &&
+           s->leaf_hi == key->leaf_hi &&
            memcmp(s->position, &f->position[3 * (size_t)slot], sizeof s->position) == 0;
 }
 
 /* Takes the block of a node's record into use once, for the first of its children. */
 static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mni_node *record) {
     const mni_front_node *p = &f->node[slot];
+    mni_entry own = mni_front_entry(f, p->parent, slot);
     const void *bytes;
-    const mni_block *block = view_of(f, p->entry, &bytes);
+    const mni_block *block = view_of(f, own, &bytes);
     if ((p->flags & MNI_NODE_STUB) == 0) {
         mni_block_node(block, p->index, record);
-        *entry = p->entry;
+        *entry = own;
         mni_store_add(f->store, *entry);
         return MNI_DONE;
     }
     mni_child where;
     mni_block_exit(block, p->index, &where);
-    mni_answer answer = mni_store_down(f->store, p->entry, mni_frame_ref(bytes, where.ref), entry);
+    mni_answer answer = mni_store_down(f->store, own, mni_frame_ref(bytes, where.ref), entry);
     if (answer != MNI_GRANTED)
         return answer == MNI_ABSENT ? MNI_MISS : MNI_REFUSED_POOL;
     if (holds_subtree(f, *entry, where.subtree)) {
@@ -203,16 +336,19 @@ uint32_t mni_front_find(const mni_front *f, uint32_t leaf) {
     uint32_t roots = f->header->roots, lo = 0;
     for (uint32_t step = roots; step > 1;) { /* the last root that begins at or before leaf */
         uint32_t half = step / 2;
-        if (f->node[2 * (lo + half)].leaf_lo <= leaf)
+        if (f->node[lo + half].leaf_lo <= leaf) /* a root's slot has its first leaf for ever */
             lo += half;
         step -= half;
     }
-    uint32_t slot = 2 * lo;
-    while (f->node[slot].flags & MNI_NODE_EXPANDED) {
-        uint32_t pair = f->node[slot].pair;
-        slot = 2 * pair + (leaf >= f->node[2 * pair + 1].leaf_lo);
+    uint32_t at = f->root[lo];
+    while (at & MNI_FRONT_BRANCH) {
+        const mni_front_branch *b = &f->branch[at & ~MNI_FRONT_BRANCH];
+        uint32_t right = b->child[1];
+        uint32_t slot =
+            right & MNI_FRONT_BRANCH ? f->branch[right & ~MNI_FRONT_BRANCH].slot : right;
+        at = leaf >= f->node[slot].leaf_lo ? right : b->child[0];
     }
-    return slot;
+    return at;
 }
 
 static bool within(const mni_front_node *n, uint32_t leaf) {
@@ -221,24 +357,32 @@ static bool within(const mni_front_node *n, uint32_t leaf) {
 
 /* The active node of a leaf that is a neighbour of slot's, where the file is what it should be. */
 static uint32_t find_near(mni_front *f, uint32_t slot, uint32_t leaf) {
-    uint32_t looked = 0;
-    for (uint32_t c = f->node[slot].first; c != MN_NONE && looked < MNI_FRONT_NEAR_MAX;
-         c = f->next[c], looked++) {
-        uint32_t other[2];
-        others(c, other);
-        for (int i = 0; i < 2; i++) {
-            uint32_t v = f->simplex_node[other[i]];
-            if (v != MN_NONE && within(&f->node[v], leaf))
-                return v;
+    uint32_t looked = 0, other[2];
+    for (run r = run_first(f, slot); r.corner != NULL && looked < MNI_FRONT_NEAR_MAX;
+         r = run_next(f, r), looked += r.room)
+        for (uint32_t i = 0; i < r.room && r.corner[i] != MN_NONE; i++) {
+            others(f, r.corner[i], other);
+            for (int k = 0; k < 2; k++)
+                if (other[k] != MN_NONE && within(&f->node[other[k]], leaf))
+                    return other[k];
         }
-    }
     f->descents++;
     return mni_front_find(f, leaf);
 }
 
-/* One simplex killed at slot, on the list *chain by next[], its third corner found. false: the
- * block lies: a corner is not where it must be, or an edge would appear between nodes that a valid
- * front does not hold together. */
+/* The corner of a simplex that goes to the right child of its kill node. */
+static uint32_t *right_corner(const mni_front *f, uint32_t s, const mni_front_node *p,
+                              uint32_t mid) {
+    const uint32_t *leaf = &f->simplex_leaf[3 * (size_t)s];
+    for (int k = 0; k < 2; k++)
+        if (leaf[k] >= mid && leaf[k] < p->leaf_hi)
+            return &f->simplex_node[3 * (size_t)s + (size_t)k];
+    return &f->simplex_node[3 * (size_t)s + 2];
+}
+
+/* One simplex killed at slot, its third corner found, onto the chain: until it is known which slot
+ * its right corner goes to, the next one stands there. false: the block lies: a corner is not where
+ * it must be, or an edge would appear between nodes that a valid front does not hold together. */
 static bool simplex_prepare(mni_front *f, uint32_t slot, uint32_t mid, const uint32_t corner[3],
                             uint32_t *chain) {
     const mni_front_node *p = &f->node[slot];
@@ -253,9 +397,7 @@ static bool simplex_prepare(mni_front *f, uint32_t slot, uint32_t mid, const uin
             if (corner[k] >= f->header->leaves)
                 return false;
             uint32_t third = find_near(f, slot, corner[k]);
-            uint32_t above = mni_front_parent(f, third);
-            if (f->node[third].order >= p->order ||
-                (above != MN_NONE && f->node[above].order <= p->order))
+            if (f->node[third].order >= p->order || f->node[third].above <= p->order)
                 return false;
             node[k] = third;
         }
@@ -265,14 +407,14 @@ static bool simplex_prepare(mni_front *f, uint32_t slot, uint32_t mid, const uin
     uint32_t s = simplex_new(f);
     memcpy(&f->simplex_leaf[3 * (size_t)s], corner, 3 * sizeof *corner);
     memcpy(&f->simplex_node[3 * (size_t)s], node, sizeof node);
-    f->next[3 * (size_t)s] = *chain;
+    *right_corner(f, s, p, mid) = *chain;
     *chain = s;
     return true;
 }
 
-static void chain_drop(mni_front *f, uint32_t chain) {
+static void chain_drop(mni_front *f, uint32_t slot, uint32_t mid, uint32_t chain) {
     while (chain != MN_NONE) {
-        uint32_t next = f->next[3 * (size_t)chain];
+        uint32_t next = *right_corner(f, chain, &f->node[slot], mid);
         simplex_free(f, chain);
         chain = next;
     }
@@ -331,237 +473,269 @@ static mni_outcome simplices_prepare(mni_front *f, uint32_t slot, mni_entry entr
 
 /* ---- split ----------------------------------------------------------------------------------- */
 
-/* A node into a slot, active: position, color and interval by the caller. */
-static void node_set(mni_front *f, uint32_t slot, mni_entry entry, const mni_child *from) {
+/* The reference to a branch or slot in its parent, or where the roots stand. */
+static uint32_t *reference(mni_front *f, uint32_t parent, uint32_t slot, uint32_t from) {
+    if (parent == MNI_FRONT_NO_PARENT)
+        return &f->root[slot];
+    mni_front_branch *b = &f->branch[parent];
+    MN_ASSERT(b->child[0] == from || b->child[1] == from);
+    return &b->child[b->child[0] != from];
+}
+
+/* What its parent's block says of a node, into a slot; its first leaf stands there already. */
+static void node_set(mni_front *f, uint32_t slot, uint32_t parent, uint32_t above,
+                     const mni_child *from) {
     mni_front_node *n = &f->node[slot];
-    n->entry = entry;
-    n->pair = n->first = n->witness = MN_NONE;
-    n->flags = MNI_NODE_ACTIVE;
-    if (from->kind == MNI_CHILD_LEAF) {
-        n->flags |= MNI_NODE_LEAF;
-        n->order = n->leaf_lo;
-        n->radius = f->switch_value[slot] = 0;
-        n->cone = (mn_cone){0};
-        return;
-    }
-    bool stub = from->kind == MNI_CHILD_SUBTREE;
-    n->flags |= stub ? MNI_NODE_STUB : 0;
+    bool leaf = from->kind == MNI_CHILD_LEAF, stub = from->kind == MNI_CHILD_SUBTREE;
+    n->parent = parent & MNI_FRONT_NO_PARENT;
+    n->witness = MN_NONE;
+    n->cone = leaf ? (mn_cone){0} : from->facts.cone;
     n->index = (uint16_t)(stub ? from->exit : from->node);
-    n->order = from->facts.order;
-    n->radius = from->facts.radius;
-    n->cone = from->facts.cone;
-    f->switch_value[slot] = from->facts.switch_value;
+    n->flags = stub ? MNI_NODE_STUB : 0;
+    f->node[slot].order = leaf ? f->node[slot].leaf_lo : from->facts.order;
+    f->node[slot].above = above;
+    f->radius[slot] = leaf ? 0 : from->facts.radius;
+    f->switch_value[slot] = leaf ? 0 : from->facts.switch_value;
+    f->node_stamp[slot / MN_FRONT_PAGE] = (uint32_t)f->version;
 }
 
-static void place_set(mni_front *f, uint32_t slot, uint32_t lo, uint32_t hi,
-                      const float position[3], uint32_t color) {
-    f->node[slot].leaf_lo = lo;
-    f->node[slot].leaf_hi = hi;
-    memcpy(&f->position[3 * (size_t)slot], position, 3 * sizeof *position);
-    if (f->color != NULL)
-        f->color[slot] = color;
-}
-
-static void children_set(mni_front *f, uint32_t slot, uint32_t pair, mni_entry entry,
-                         const mni_node *record) {
+static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_entry home) {
     const mni_front_node *p = &f->node[slot];
-    uint32_t left = 2 * pair, right = left + 1;
-    place_set(f, left, p->leaf_lo, record->leaf_mid, &f->position[3 * (size_t)slot],
-              f->color != NULL ? f->color[slot] : 0);
-    place_set(f, right, record->leaf_mid, p->leaf_hi, record->right_position, record->right_color);
-    node_set(f, left, entry, &record->left);
-    node_set(f, right, entry, &record->right);
+    uint32_t b = branch_new(f);
+    f->branch[b] = (mni_front_branch){.order = f->node[slot].order,
+                                      .switch_value = f->switch_value[slot],
+                                      .radius = f->radius[slot],
+                                      .cone = p->cone,
+                                      .index = p->index,
+                                      .child = {slot, right},
+                                      .parent = p->parent,
+                                      .home = home,
+                                      .slot = slot,
+                                      .stub = (p->flags & MNI_NODE_STUB) != 0};
+    *reference(f, p->parent, slot, slot) = b | MNI_FRONT_BRANCH;
+    return b;
 }
 
-/* Hands p's corners to its children by leaf id, and links the simplices that appear. */
-static void corners_part(mni_front *f, uint32_t slot, uint32_t pair, uint32_t mid, uint32_t chain) {
-    uint32_t left = 2 * pair, right = left + 1;
-    for (uint32_t c = f->node[slot].first, next; c != MN_NONE; c = next) {
-        next = f->next[c];
-        corner_push(f, f->simplex_leaf[c] < mid ? left : right, c);
-    }
-    f->node[slot].first = MN_NONE;
-    for (uint32_t s = chain, next; s != MN_NONE; s = next) {
-        size_t c = 3 * (size_t)s;
-        next = f->next[c];
-        bool hinge = f->simplex_node[c + 2] == MN_NONE;
-        for (uint32_t k = 0; k < (hinge ? 2u : 3u); k++) {
-            uint32_t to = f->simplex_node[c + k];
-            if (to == slot)
-                to = f->simplex_leaf[c + k] < mid ? left : right;
-            corner_push(f, to, (uint32_t)(c + k));
+/* Hands those of p's corners that are the right child's to it. */
+static void corners_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
+    loose list = corners_take(f, slot);
+    do {
+        for (uint32_t i = 0; i < list.count; i++) {
+            if (leaf_of(f, list.corner[i]) < mid)
+                corner_push(f, slot, list.corner[i]);
+            else
+                corner_give(f, right, list.corner[i]);
         }
-        f->triangles += !hinge;
-        f->pair[pair].killed++;
-    }
+    } while (corners_next(f, &list));
 }
 
-mni_outcome mni_front_split(mni_front *f, uint32_t slot) {
-    mni_front_node *p = &f->node[slot];
-    MN_ASSERT((p->flags & (MNI_NODE_ACTIVE | MNI_NODE_EXPANDED)) == MNI_NODE_ACTIVE);
-    MN_ASSERT(!mni_front_is_leaf(f, slot));
-    /* Its caller has asked what blocks it: nothing does, and so no witness waits for the way back.
-     */
-    MN_ASSERT(p->witness == MN_NONE);
-    if (p->flags & MNI_NODE_BAD)
+/* The simplices on the chain appear. Returns how many. p: as it was. */
+static uint32_t chain_link(mni_front *f, const mni_front_node *p, uint32_t right, uint32_t mid,
+                           uint32_t chain) {
+    uint32_t count = 0;
+    for (uint32_t s = chain; s != MN_NONE; count++) {
+        uint32_t *node = &f->simplex_node[3 * (size_t)s], *moves = right_corner(f, s, p, mid);
+        s = *moves;
+        *moves = right;
+        f->triangles += node[2] != MN_NONE;
+        uint32_t at = (uint32_t)((node - f->simplex_node) / 3);
+        for (uint32_t k = 0; k < 3; k++)
+            if (node[k] != MN_NONE)
+                corner_give(f, node[k], 4 * at + k);
+    }
+    return count;
+}
+
+/* p, whose record is read and whose simplices wait on the chain, becomes a branch. */
+static uint32_t part(mni_front *f, uint32_t slot, mni_entry home, const mni_node *record,
+                     uint32_t chain) {
+    const mni_front_node p = f->node[slot];
+    uint32_t right = slot_new(f), b = branch_make(f, slot, right, home);
+    f->node[slot].leaf_hi = record->leaf_mid;
+    f->node[right].leaf_lo = record->leaf_mid;
+    f->node[right].leaf_hi = p.leaf_hi;
+    memcpy(&f->position[3 * (size_t)right], record->right_position, 3 * sizeof *f->position);
+    if (f->color != NULL)
+        f->color[right] = record->right_color;
+    corners_clear(f, right);
+    corners_part(f, slot, right, record->leaf_mid);
+    node_set(f, slot, b, p.order, &record->left);
+    node_set(f, right, b, p.order, &record->right);
+    f->branch[b].killed = chain_link(f, &p, right, record->leaf_mid, chain) & INT32_MAX;
+    return b;
+}
+
+mni_outcome mni_front_split(mni_front *f, uint32_t slot, uint32_t *branch) {
+    MN_ASSERT(mni_front_is_active(f, slot) && !mni_front_is_leaf(f, slot));
+    if (f->node[slot].flags & MNI_NODE_BAD)
         return MNI_BAD;
-    if (f->pairs_used == f->pairs_max)
+    if (f->active == f->nodes_max)
         return MNI_REFUSED_FRONT;
     mni_node record;
-    mni_entry entry;
+    mni_entry home;
     uint32_t chain = MN_NONE;
-    mni_outcome outcome = record_take(f, slot, &entry, &record);
+    mni_outcome outcome = record_take(f, slot, &home, &record);
     if (outcome == MNI_DONE) {
-        outcome = simplices_prepare(f, slot, entry, &record, &chain);
+        outcome = simplices_prepare(f, slot, home, &record, &chain);
         if (outcome != MNI_DONE) {
-            chain_drop(f, chain);
-            mni_store_sub(f->store, entry);
+            chain_drop(f, slot, record.leaf_mid, chain);
+            mni_store_sub(f->store, home);
         }
     }
     if (outcome == MNI_BAD) {
-        p->flags |= MNI_NODE_BAD;
+        f->node[slot].flags |= MNI_NODE_BAD;
         f->bad++;
     }
     if (outcome != MNI_DONE)
         return outcome;
-    mni_store_add(f->store, entry); /* for the second child */
-    uint32_t pair = pair_new(f);
-    f->pair[pair].parent = slot;
-    children_set(f, slot, pair, entry, &record);
-    p->pair = pair;
-    p->flags = (uint16_t)((p->flags & MNI_NODE_KIND) | MNI_NODE_EXPANDED);
-    corners_part(f, slot, pair, record.leaf_mid, chain);
-    f->active++;
+    mni_store_add(f->store, home); /* for the second child */
+    *branch = part(f, slot, home, &record, chain);
     return MNI_DONE;
 }
 
-void mni_front_release(mni_front *f, uint32_t slot) {
-    MN_ASSERT(f->node[slot].flags & MNI_NODE_EXPANDED);
-    mni_store_sub(f->store, f->node[slot].entry);
+void mni_front_release(mni_front *f, uint32_t branch) {
+    const mni_front_branch *b = &f->branch[branch];
+    MN_ASSERT(mni_front_is_branch(f, branch));
+    mni_store_sub(f->store, mni_front_entry(f, b->parent, b->slot));
     f->version++;
 }
 
 /* ---- collapse -------------------------------------------------------------------------------- */
 
-/* Kills what has a corner in both children, and hands the other corners to the parent. */
-static void corners_join(mni_front *f, uint32_t pair, uint32_t slot) {
-    uint32_t left = 2 * pair, right = left + 1, killed = 0;
-    for (uint32_t c = f->node[left].first, next; c != MN_NONE; c = next) {
-        uint32_t other[2];
-        next = f->next[c];
-        others(c, other);
-        if (f->simplex_node[other[0]] != right && f->simplex_node[other[1]] != right) {
-            corner_push(f, slot, c);
-            continue;
+/* Kills what has a corner in both children, and hands the right one's other corners to the left. */
+static uint32_t corners_join(mni_front *f, uint32_t left, uint32_t right) {
+    uint32_t killed = 0;
+    loose list = corners_take(f, right);
+    do {
+        for (uint32_t i = 0; i < list.count; i++) {
+            uint32_t c = list.corner[i], s = c / 4, other[2];
+            const uint32_t *node = &f->simplex_node[3 * (size_t)s];
+            others(f, c, other);
+            if (other[0] != left && other[1] != left) {
+                corner_give(f, left, c);
+                continue;
+            }
+            for (uint32_t k = 0; k < 3; k++)
+                if (k != c % 4 && node[k] != MN_NONE)
+                    corner_remove(f, 4 * s + k);
+            f->triangles -= node[2] != MN_NONE;
+            simplex_free(f, s);
+            killed++;
         }
-        uint32_t s = c / 3;
-        for (int k = 0; k < 2; k++)
-            if (f->simplex_node[other[k]] != MN_NONE)
-                corner_remove(f, other[k]);
-        f->triangles -= f->simplex_node[3 * (size_t)s + 2] != MN_NONE;
-        simplex_free(f, s);
-        killed++;
-    }
-    for (uint32_t c = f->node[right].first, next; c != MN_NONE; c = next) {
-        next = f->next[c];
-        corner_push(f, slot, c);
-    }
-    MN_ASSERT(killed == f->pair[pair].killed);
+    } while (corners_next(f, &list));
+    return killed;
 }
 
 /* Without the stores' part, which differs. */
-static void join(mni_front *f, uint32_t pair) {
-    uint32_t slot = f->pair[pair].parent;
-    MN_ASSERT(mni_front_is_fork(f, pair) && f->node[slot].pair == pair);
+static void join(mni_front *f, uint32_t branch) {
+    const mni_front_branch *b = &f->branch[branch];
+    MN_ASSERT(mni_front_is_fork(f, branch) && b->child[0] == b->slot);
+    uint32_t slot = b->slot, right = b->child[1], killed = corners_join(f, slot, right);
+    MN_ASSERT(killed == b->killed);
+    f->node[slot].order = b->order;
+    f->node[slot].above = b->parent == MNI_FRONT_NO_PARENT ? MN_NONE : f->branch[b->parent].order;
+    f->node[slot].leaf_hi = f->node[right].leaf_hi;
+    f->radius[slot] = b->radius;
+    f->switch_value[slot] = b->switch_value;
     mni_front_node *p = &f->node[slot];
-    p->first = MN_NONE;
-    corners_join(f, pair, slot);
-    p->flags = (uint16_t)((p->flags & MNI_NODE_KIND) | MNI_NODE_ACTIVE);
-    p->pair = MN_NONE;
-    pair_free(f, pair);
-    f->active--;
+    p->parent = b->parent & MNI_FRONT_NO_PARENT;
+    p->witness = MN_NONE;
+    p->cone = b->cone;
+    p->index = b->index;
+    p->flags = b->stub ? MNI_NODE_STUB : 0;
+    f->node_stamp[slot / MN_FRONT_PAGE] = (uint32_t)f->version;
+    *reference(f, b->parent, slot, branch | MNI_FRONT_BRANCH) = slot;
+    slot_free(f, right);
+    branch_free(f, branch);
 }
 
-void mni_front_unsplit(mni_front *f, uint32_t slot) {
-    uint32_t pair = f->node[slot].pair;
-    mni_entry entry = f->node[2 * pair].entry; /* both count there */
-    join(f, pair);
-    mni_store_sub(f->store, entry);
-    mni_store_sub(f->store, entry);
+void mni_front_unsplit(mni_front *f, uint32_t branch) {
+    mni_entry home = f->branch[branch].home; /* both count there */
+    join(f, branch);
+    mni_store_sub(f->store, home);
+    mni_store_sub(f->store, home);
 }
 
-mni_outcome mni_front_collapse(mni_front *f, uint32_t pair) {
-    MN_ASSERT(mni_front_is_fork(f, pair));
-    mni_answer answer = mni_store_up(f->store, f->node[f->pair[pair].parent].entry);
+mni_outcome mni_front_collapse(mni_front *f, uint32_t fork) {
+    const mni_front_branch *b = &f->branch[fork];
+    MN_ASSERT(mni_front_is_fork(f, fork));
+    mni_answer answer = mni_store_up(f->store, mni_front_entry(f, b->parent, b->slot));
     if (answer != MNI_GRANTED)
         return answer == MNI_ABSENT ? MNI_MISS : MNI_REFUSED_POOL;
-    mni_front_unsplit(f, f->pair[pair].parent);
+    mni_front_unsplit(f, fork);
     f->version++;
     return MNI_DONE;
 }
 
 /* ---- implicit dependencies ------------------------------------------------------------------- */
 
-/* A witness is still one: the node that was seen is active. Two nodes that are neighbours once stay
- * so while both are active: a simplex that joins them dies only with one of them. */
-static bool stands(const mni_front *f, uint32_t witness, uint32_t order) {
-    return witness != MN_NONE && mni_front_is_active(f, witness) && f->node[witness].order == order;
+/* A witness is a neighbour of n's still: the node that was seen is active. Two nodes that are
+ * neighbours once stay so while both are active: a simplex that joins them dies only with one of
+ * them. Whether it blocks now is for the caller to see: one serves both moves. */
+static bool witness_stands(const mni_front *f, const mni_front_node *n) {
+    return n->witness != MN_NONE && f->node[n->witness].order == n->witness_order;
 }
 
-uint32_t mni_front_split_blockers(mni_front *f, uint32_t slot, uint32_t *out, uint32_t room) {
-    uint32_t order = f->node[slot].order, count = 0;
-    for (uint32_t c = f->node[slot].first; c != MN_NONE && count < room; c = f->next[c]) {
-        uint32_t other[2];
-        others(c, other);
-        for (int i = 0; i < 2 && count < room; i++) {
-            uint32_t v = f->simplex_node[other[i]];
-            if (v != MN_NONE && f->node[v].order > order)
-                out[count++] = v;
+static void witness_set(mni_front *f, uint32_t slot, uint32_t found) {
+    f->node[slot].witness = found;
+    f->node[slot].witness_order = f->node[found].order;
+}
+
+uint32_t mni_front_split_blockers(const mni_front *f, uint32_t slot, mni_front_ref *out,
+                                  uint32_t room) {
+    uint32_t order = f->node[slot].order, count = 0, other[2];
+    for (run r = run_first(f, slot); r.corner != NULL; r = run_next(f, r))
+        for (uint32_t i = 0; i < r.room && r.corner[i] != MN_NONE; i++) {
+            others(f, r.corner[i], other);
+            for (int k = 0; k < 2; k++) {
+                if (other[k] == MN_NONE || f->node[other[k]].order <= order)
+                    continue;
+                out[count++] = mni_front_ref_of(f, other[k]);
+                if (count == room)
+                    return count;
+            }
         }
-    }
     return count;
 }
 
 uint32_t mni_front_split_blocker(mni_front *f, uint32_t slot) {
-    mni_front_node *p = &f->node[slot];
-    if (stands(f, p->witness, p->witness_order))
+    const mni_front_node *p = &f->node[slot];
+    if (witness_stands(f, p) && p->witness_order > f->node[slot].order)
         return p->witness;
-    p->witness = MN_NONE;
-    uint32_t found;
+    mni_front_ref found;
     if (mni_front_split_blockers(f, slot, &found, 1) == 0)
         return MN_NONE;
-    p->witness = found;
-    p->witness_order = f->node[found].order;
-    return found;
+    witness_set(f, slot, found.slot);
+    return found.slot;
 }
 
 static uint32_t collapse_blocker_at(const mni_front *f, uint32_t slot, uint32_t order) {
-    for (uint32_t c = f->node[slot].first; c != MN_NONE; c = f->next[c]) {
-        uint32_t other[2];
-        others(c, other);
-        for (int i = 0; i < 2; i++) {
-            uint32_t v = f->simplex_node[other[i]];
-            if (v == MN_NONE || v == (slot ^ 1))
-                continue;
-            uint32_t above = mni_front_parent(f, v);
-            if (above != MN_NONE && f->node[above].order < order)
-                return v;
+    uint32_t other[2];
+    for (run r = run_first(f, slot); r.corner != NULL; r = run_next(f, r))
+        for (uint32_t i = 0; i < r.room && r.corner[i] != MN_NONE; i++) {
+            others(f, r.corner[i], other);
+            for (int k = 0; k < 2; k++) /* the sibling's parent is the fork itself */
+                if (other[k] != MN_NONE && f->node[other[k]].above < order)
+                    return other[k];
         }
-    }
     return MN_NONE;
 }
 
-uint32_t mni_front_collapse_blocker(mni_front *f, uint32_t pair) {
-    mni_front_pair *fork = &f->pair[pair];
-    if (stands(f, fork->witness, fork->witness_order))
-        return fork->witness;
-    uint32_t order = f->node[fork->parent].order;
-    uint32_t found = collapse_blocker_at(f, 2 * pair, order);
-    if (found == MN_NONE)
-        found = collapse_blocker_at(f, 2 * pair + 1, order);
-    fork->witness = found;
-    fork->witness_order = found != MN_NONE ? f->node[found].order : 0;
-    return found;
+uint32_t mni_front_collapse_blocker(mni_front *f, uint32_t fork) {
+    const mni_front_branch *b = &f->branch[fork];
+    for (int side = 0; side < 2; side++) {
+        const mni_front_node *n = &f->node[b->child[side]];
+        if (witness_stands(f, n) && f->node[n->witness].above < b->order)
+            return n->witness;
+    }
+    for (int side = 0; side < 2; side++) {
+        uint32_t found = collapse_blocker_at(f, b->child[side], b->order);
+        if (found != MN_NONE) {
+            witness_set(f, b->child[side], found);
+            return found;
+        }
+    }
+    return MN_NONE;
 }
 
 /* ---- open ------------------------------------------------------------------------------------ */
@@ -580,12 +754,18 @@ static mn_code root_open(mni_front *f, uint32_t r, uint32_t leaf_lo, mn_status *
     if (subtree.leaf_lo != leaf_lo)
         return mn_fail(st, MN_BAD_INPUT, "root %u: not where the forest needs it; rebuild the file",
                        r);
-    uint32_t pair = pair_new(f);
-    MN_ASSERT(pair == r); /* mni_front_find counts on it */
+    uint32_t slot = slot_new(f);
+    MN_ASSERT(slot == r); /* mni_front_find and mni_front_entry count on it */
     mni_child self = {.kind = MNI_CHILD_INNER, .node = subtree.node, .facts = record.facts};
-    place_set(f, 2 * pair, subtree.leaf_lo, subtree.leaf_hi, subtree.position, subtree.color);
-    node_set(f, 2 * pair, entry, &self);
-    f->active++;
+    f->node[slot].leaf_lo = subtree.leaf_lo;
+    f->node[slot].leaf_hi = subtree.leaf_hi;
+    corners_clear(f, slot);
+    memcpy(&f->position[3 * (size_t)slot], subtree.position, sizeof subtree.position);
+    if (f->color != NULL)
+        f->color[slot] = subtree.color;
+    node_set(f, slot, MNI_FRONT_NO_PARENT, MN_NONE, &self);
+    f->root[r] = slot;
+    f->root_entry[r] = entry;
     return MN_OK;
 }
 
@@ -593,15 +773,18 @@ mn_code mni_front_open(mni_front *f, mni_store *store, const mn_header *header, 
                        uint32_t simplices_max, mni_arena *arena, mn_status *st) {
     *f = (mni_front){.store = store,
                      .header = header,
-                     .pairs_max = nodes_max,
+                     .nodes_max = nodes_max,
                      .simplices_max = simplices_max,
-                     .pair_free = MN_NONE,
+                     .slot_free = MN_NONE,
+                     .branch_free = MN_NONE,
+                     .chunk_free = MN_NONE,
                      .simplex_free = MN_NONE};
     f->limits = (mni_block_limits){.leaves = header->leaves,
                                    .nodes = header->nodes,
                                    .file_bytes = header->file_bytes,
                                    .has_colors = header->has_colors};
-    MN_ASSERT(nodes_max >= header->roots);
+    MN_ASSERT(nodes_max >= header->roots && nodes_max < MNI_FRONT_NO_PARENT);
+    MN_ASSERT(simplices_max <= UINT32_MAX / 4);
     lay_out(f, arena, header->has_colors);
     for (uint32_t i = 0; i < MNI_FRONT_VIEWS; i++)
         f->view[i].entry = MNI_NO_ENTRY;
@@ -610,7 +793,7 @@ mn_code mni_front_open(mni_front *f, mni_store *store, const mn_header *header, 
         mn_code code = root_open(f, r, leaf, st);
         if (code != MN_OK)
             return code;
-        leaf = f->node[2 * r].leaf_hi;
+        leaf = f->node[r].leaf_hi;
     }
     if (leaf != header->leaves)
         return mn_fail(st, MN_BAD_INPUT, "the roots hold %u leaves of %u; rebuild the file", leaf,

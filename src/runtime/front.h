@@ -1,11 +1,11 @@
 /* The front: the expanded tree, the active simplices, and the two moves between them.
  *
- * The children of a split lie in slots 2i and 2i + 1 (a pair): the sibling of s is s ^ 1, and a
- * pair has one parent slot. A root has a pair of its own, whose second slot stays free.
+ * An active node has a slot, an expanded one a branch. When a node splits, its left child, which
+ * has its position and its first leaf, keeps its slot: so positions stay where they are, and of the
+ * corners around it only those change hands that go to the right child.
  *
- *      parent (expanded) ──> pair i = { left: slot 2i, right: slot 2i + 1 }
- *                                        │                │
- *                            active: corners of simplices, or expanded: a pair below
+ *      active p: slot 7   ──split──>   branch 3 (slot 7) ──┬─ left:  slot 7, or a branch of slot 7
+ *                                                          └─ right: slot 9, or a branch of slot 9
  *
  * Threads: Navigate only. Nothing allocates after mni_front_open. */
 #ifndef MNI_FRONT_H
@@ -31,34 +31,59 @@ typedef enum mni_outcome {
 } mni_outcome;
 
 enum {
-    MNI_NODE_ACTIVE = 1,
-    MNI_NODE_EXPANDED = 2,
-    MNI_NODE_BAD = 4,      /* its split found a bad block */
-    MNI_NODE_GIVEN_UP = 8, /* Navigate's: its chain was refused by the pool */
-    MNI_NODE_LEAF = 16,    /* has no record of its own */
-    MNI_NODE_STUB = 32,    /* its record is in another block than its parent's */
-    MNI_NODE_KIND = MNI_NODE_LEAF | MNI_NODE_STUB, /* constant while it is in its slot */
+    MNI_NODE_BAD = 1,      /* its split found a bad block */
+    MNI_NODE_GIVEN_UP = 2, /* Navigate's: its chain was refused by the pool */
+    MNI_NODE_STUB = 4,     /* its record is in another block than its parent's */
+};
+#define MNI_FRONT_BRANCH 0x80000000u /* set in a reference to a branch, clear in one to a slot */
+
+#define MNI_FRONT_NO_PARENT 0x1fffffffu /* of a root */
+enum {
+    MNI_FRONT_CORNERS = 6, /* of a node in its own record: as many as it has on average */
+    MNI_FRONT_CHUNK = 7,   /* and in each chunk of a list that is longer */
 };
 
-/* What a slot holds besides its position and switch value, which stand apart for the renderer. */
+/* An active node but for what is streamed: position, switch value and radius stand apart. One line
+ * of the cache: whoever asks about a neighbour, or walks around a node, touches no other. */
 typedef struct mni_front_node {
-    uint32_t order; /* order id */
+    uint32_t order; /* order id; MN_NONE: nobody is in the slot */
+    uint32_t above; /* order id of its parent; MN_NONE: a root */
     uint32_t leaf_lo, leaf_hi;
-    float radius;
-    uint32_t entry;                  /* of its parent's block, where it counts; a root's: its own */
-    uint32_t pair;                   /* EXPANDED: of its children */
-    uint32_t first;                  /* ACTIVE: first corner on its list, or MN_NONE */
-    uint32_t witness, witness_order; /* the neighbour that blocked its split, as long as active */
-    uint16_t index;                  /* its record: node in that block, or, of a stub, exit */
-    uint16_t flags;
+    uint32_t corner[MNI_FRONT_CORNERS]; /* of simplices, then MN_NONE; free: [0] next free slot */
+    uint32_t more;                      /* first chunk of further corners, or MN_NONE */
+    uint32_t parent : 29;               /* branch */
+    uint32_t flags : 3;
+    uint32_t witness, witness_order; /* a neighbour that blocked a move of it, as long as active */
     mn_cone cone;
+    uint16_t index; /* its record: node in its parent's block, or, of a stub, exit */
 } mni_front_node;
+_Static_assert(sizeof(mni_front_node) == 64, "one line of the cache");
 
-typedef struct mni_front_pair {
-    uint32_t parent; /* slot; MN_NONE: a root, or free */
-    uint32_t killed; /* simplices that the split of parent brought; free: next free pair */
-    uint32_t witness, witness_order; /* the neighbour that blocked its collapse */
-} mni_front_pair;
+/* Further corners of a node. All but the first chunk of a list are full, so 3 × simplices / 7
+ * chunks are enough for any front. */
+typedef struct mni_front_chunk {
+    uint32_t corner[MNI_FRONT_CHUNK];
+    uint32_t next; /* chunk, or MN_NONE; free: next free one */
+} mni_front_chunk;
+
+/* An expanded node. Its position and first leaf are those of its slot. */
+typedef struct mni_front_branch {
+    uint32_t order;
+    float switch_value, radius;
+    mn_cone cone;
+    uint16_t index;       /* as of an active node */
+    uint32_t child[2];    /* slots or, with MNI_FRONT_BRANCH, branches */
+    uint32_t parent;      /* branch, or MNI_FRONT_NO_PARENT; free: next free branch */
+    uint32_t home;        /* entry of the block with its record: where its children count */
+    uint32_t slot;        /* that it had, and its leftmost descendant has; MN_NONE: free */
+    uint32_t stub : 1;    /* MNI_NODE_STUB */
+    uint32_t killed : 31; /* simplices that its split brought */
+} mni_front_branch;
+
+/* A node that may have gone: slots pass from node to node. */
+typedef struct mni_front_ref {
+    uint32_t slot, order;
+} mni_front_ref;
 
 typedef struct mni_front_view {
     mni_entry entry;
@@ -71,25 +96,30 @@ typedef struct mni_front {
     mni_store *store;
     const mn_header *header;
     mni_block_limits limits;
-    uint32_t pairs_max, simplices_max;
+    uint32_t nodes_max, simplices_max, chunks_max;
 
     float *position; /* 3 × slots */
     uint32_t *color; /* slots, or NULL */
-    float *switch_value;
+    float *switch_value, *radius;
     mni_front_node *node;
-    mni_front_pair *pair;
-    uint32_t *simplex_leaf; /* 3 × simplices; corner c = 3 × simplex + 0 … 2 */
+    mni_front_branch *branch;
+    mni_front_chunk *chunk;
+    /* 3 × simplices; corner k of simplex s is 4 s + k */
     uint32_t *simplex_node; /* slots; [3s] MN_NONE: free */
-    uint32_t *next, *prev;  /* a node's corners; next[3s] of a free simplex: the next free one */
+    uint32_t *simplex_leaf; /* leaf ids; free: [3s] next free one */
     uint32_t *node_stamp; /* a page of MN_FRONT_PAGE slots: low bits of version, last written at */
     uint32_t *simplex_stamp;
 
-    uint32_t pairs_high, pair_free, pairs_used; /* high: never used from here on */
+    uint32_t slots_high, slot_free; /* high: never used from here on */
+    uint32_t branches_high, branch_free;
+    uint32_t chunks_high, chunk_free;
     uint32_t simplices_high, simplex_free, simplices_used;
     uint32_t active, triangles;
-    uint64_t version;  /* rises with every split and collapse that stays */
-    uint64_t descents; /* third corners not found among the neighbours looked through */
-    uint64_t bad;      /* splits that met a bad block */
+    uint64_t version;            /* rises with every split and collapse that stays */
+    uint64_t descents;           /* third corners not found among the neighbours looked through */
+    uint64_t bad;                /* splits that met a bad block */
+    uint32_t root[MN_ROOTS_MAX]; /* slot r, or the branch that root r has become */
+    mni_entry root_entry[MN_ROOTS_MAX]; /* of its block: where it counts itself */
     mni_front_view view[MNI_FRONT_VIEWS];
 } mni_front;
 
@@ -104,41 +134,56 @@ mn_code mni_front_open(mni_front *front, mni_store *store, const mn_header *head
 bool mni_front_block_check(const void *context, const void *bytes, uint32_t length_bytes);
 
 static inline bool mni_front_is_active(const mni_front *front, uint32_t slot) {
-    return (front->node[slot].flags & MNI_NODE_ACTIVE) != 0;
+    return front->node[slot].order != MN_NONE;
 }
 static inline bool mni_front_is_leaf(const mni_front *front, uint32_t slot) {
-    return (front->node[slot].flags & MNI_NODE_LEAF) != 0;
+    return front->node[slot].order < front->header->leaves;
 }
-static inline uint32_t mni_front_parent(const mni_front *front, uint32_t slot) {
-    return front->pair[slot >> 1].parent;
+static inline mni_front_ref mni_front_ref_of(const mni_front *front, uint32_t slot) {
+    return (mni_front_ref){slot, front->node[slot].order};
 }
-/* Can the pair collapse as far as the tree goes: both children active, not a root? */
-static inline bool mni_front_is_fork(const mni_front *front, uint32_t pair) {
-    return front->pair[pair].parent != MN_NONE &&
-           (front->node[2 * pair].flags & front->node[2 * pair + 1].flags & MNI_NODE_ACTIVE);
+/* Is it the same node still, and active? */
+static inline bool mni_front_stands(const mni_front *front, mni_front_ref ref) {
+    return front->node[ref.slot].order == ref.order;
+}
+static inline bool mni_front_is_branch(const mni_front *front, uint32_t branch) {
+    return front->branch[branch].slot != MN_NONE;
+}
+/* Can the branch collapse as far as the tree goes: are both children active? */
+static inline bool mni_front_is_fork(const mni_front *front, uint32_t branch) {
+    const mni_front_branch *b = &front->branch[branch];
+    return b->slot != MN_NONE && ((b->child[0] | b->child[1]) & MNI_FRONT_BRANCH) == 0;
 }
 static inline mni_bounds mni_front_bounds(const mni_front *front, uint32_t slot) {
-    const mni_front_node *n = &front->node[slot];
-    return (mni_bounds){&front->position[3 * (size_t)slot], n->radius, front->switch_value[slot],
-                        n->cone};
+    return (mni_bounds){&front->position[3 * (size_t)slot], front->radius[slot],
+                        front->switch_value[slot], front->node[slot].cone};
+}
+static inline mni_bounds mni_front_branch_bounds(const mni_front *front, uint32_t branch) {
+    const mni_front_branch *b = &front->branch[branch];
+    return (mni_bounds){&front->position[3 * (size_t)b->slot], b->radius, b->switch_value, b->cone};
 }
 
 /* A neighbour that must split before slot may (its order id is larger), or MN_NONE. */
 uint32_t mni_front_split_blocker(mni_front *front, uint32_t slot);
 /* All of them, as far as room goes, repeated where they share several simplices. Returns how many.
  */
-uint32_t mni_front_split_blockers(mni_front *front, uint32_t slot, uint32_t *out, uint32_t room);
-/* A neighbour whose parent's order id is below that of the pair's parent, or MN_NONE. */
-uint32_t mni_front_collapse_blocker(mni_front *front, uint32_t pair);
+uint32_t mni_front_split_blockers(const mni_front *front, uint32_t slot, mni_front_ref *out,
+                                  uint32_t room);
+/* A neighbour whose parent's order id is below that of the fork, or MN_NONE. */
+uint32_t mni_front_collapse_blocker(mni_front *front, uint32_t fork);
 
-/* Splits an active inner node that nothing blocks. The block where the node counts stays in use
- * until release, so that unsplit, the exact inverse, cannot fail. */
-mni_outcome mni_front_split(mni_front *front, uint32_t slot);
-void mni_front_release(mni_front *front, uint32_t slot);
-void mni_front_unsplit(mni_front *front, uint32_t slot);
-/* Collapses a fork that nothing blocks, if the parent's block is in memory. */
-mni_outcome mni_front_collapse(mni_front *front, uint32_t pair);
+/* Splits an active inner node that nothing blocks: *branch is what it becomes. The block where the
+ * node counts stays in use until release, so that unsplit, the exact inverse, cannot fail. */
+mni_outcome mni_front_split(mni_front *front, uint32_t slot, uint32_t *branch);
+void mni_front_release(mni_front *front, uint32_t branch);
+void mni_front_unsplit(mni_front *front, uint32_t branch);
+/* Collapses a fork that nothing blocks, if the block where it will count is in memory. */
+mni_outcome mni_front_collapse(mni_front *front, uint32_t fork);
 
+/* Where an active node, or a node that was one, counts. */
+static inline mni_entry mni_front_entry(const mni_front *front, uint32_t parent, uint32_t slot) {
+    return parent == MNI_FRONT_NO_PARENT ? front->root_entry[slot] : front->branch[parent].home;
+}
 /* The active node that holds a leaf. */
 uint32_t mni_front_find(const mni_front *front, uint32_t leaf);
 /* Where the input has that leaf: read through the blocks. false: one of them is not in memory. */

@@ -33,7 +33,7 @@ static void sort_u32(uint32_t *values, uint32_t *other, size_t count) {
 
 uint64_t mni_front_hash(const mni_front *f, uint32_t *scratch) {
     size_t count = 0;
-    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++)
+    for (uint32_t slot = 0; slot < f->slots_high; slot++)
         if (mni_front_is_active(f, slot))
             scratch[count++] = f->node[slot].order;
     MN_ASSERT(count == f->active);
@@ -127,9 +127,9 @@ bool mni_front_input_is_closed(const char *path, const mn_header *header) {
 }
 
 void mni_front_usage(const mni_front *f, uint32_t *counts) {
-    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++)
+    for (uint32_t slot = 0; slot < f->slots_high; slot++)
         if (mni_front_is_active(f, slot))
-            counts[f->node[slot].entry]++;
+            counts[mni_front_entry(f, f->node[slot].parent, slot)]++;
 }
 
 /* ---- recounts -------------------------------------------------------------------------------- */
@@ -140,46 +140,73 @@ static void check_simplex(const mni_front *f, uint32_t s) {
     const uint32_t *leaf = &f->simplex_leaf[3 * (size_t)s], *node = &f->simplex_node[3 * (size_t)s];
     int corners = node[2] == MN_NONE ? 2 : 3;
     for (int k = 0; k < corners; k++) {
-        const mni_front_node *n = &f->node[node[k]];
-        MN_ASSERT(n->flags & MNI_NODE_ACTIVE);
+        const mni_front_node *n = &f->node[node[k]], *v = &f->node[node[(k + 1) % corners]];
+        MN_ASSERT(n->order != MN_NONE && v != n);
         MN_ASSERT(n->leaf_lo <= leaf[k] && leaf[k] < n->leaf_hi);
-        uint32_t v = node[(k + 1) % corners], above = mni_front_parent(f, v);
-        MN_ASSERT(v != node[k]);
-        MN_ASSERT(above == MN_NONE || n->order < f->node[above].order);
-        above = mni_front_parent(f, node[k]);
-        MN_ASSERT(above == MN_NONE || f->node[v].order < f->node[above].order);
+        MN_ASSERT(n->order < v->above && v->order < n->above);
     }
 }
 
-static void check_node(const mni_front *f, uint32_t slot, uint64_t *corners, uint64_t *killed) {
+/* Packed lists: only the first chunk may have room left. */
+static uint64_t check_corners(const mni_front *f, uint32_t slot, const uint32_t *corner,
+                              uint32_t room, bool first) {
+    uint64_t count = 0;
+    for (uint32_t i = 0; i < room && corner[i] != MN_NONE; i++, count++)
+        MN_ASSERT(f->simplex_node[3 * (size_t)(corner[i] / 4) + corner[i] % 4] == slot);
+    MN_ASSERT(first ? count > 0 : count == room);
+    return count;
+}
+
+static uint64_t check_slot(const mni_front *f, uint32_t slot) {
     const mni_front_node *n = &f->node[slot];
+    bool is_root = n->parent == MNI_FRONT_NO_PARENT;
     MN_ASSERT(n->leaf_lo < n->leaf_hi && n->leaf_hi <= f->header->leaves);
-    if (n->flags & MNI_NODE_ACTIVE) {
-        MN_ASSERT((n->flags & MNI_NODE_EXPANDED) == 0);
-        MN_ASSERT(mni_front_find(f, n->leaf_lo) == slot);
-        for (uint32_t c = n->first, before = MN_NONE; c != MN_NONE; before = c, c = f->next[c]) {
-            MN_ASSERT(f->simplex_node[c] == slot && f->prev[c] == before);
-            ++*corners;
-        }
-        return;
+    MN_ASSERT(mni_front_find(f, n->leaf_lo) == slot);
+    MN_ASSERT(mni_front_is_leaf(f, slot) == (n->leaf_hi - n->leaf_lo == 1));
+    MN_ASSERT(n->above == (is_root ? MN_NONE : f->branch[n->parent].order));
+    if (n->more == MN_NONE && n->corner[0] == MN_NONE)
+        return 0;
+    uint64_t corners = check_corners(f, slot, n->corner, MNI_FRONT_CORNERS, n->more == MN_NONE);
+    for (uint32_t i = n->more; i != MN_NONE; i = f->chunk[i].next)
+        corners += check_corners(f, slot, f->chunk[i].corner, MNI_FRONT_CHUNK, i == n->more);
+    return corners;
+}
+
+/* The slot of a child's first leaf. */
+static uint32_t check_child(const mni_front *f, uint32_t branch, uint32_t child) {
+    const mni_front_branch *b = &f->branch[branch];
+    if ((child & MNI_FRONT_BRANCH) == 0) {
+        MN_ASSERT(f->node[child].parent == branch && f->node[child].order < b->order);
+        return child;
     }
-    uint32_t left = 2 * n->pair, right = left + 1;
-    MN_ASSERT(f->pair[n->pair].parent == slot && n->first == MN_NONE);
-    MN_ASSERT(f->node[left].leaf_lo == n->leaf_lo && f->node[right].leaf_hi == n->leaf_hi);
-    MN_ASSERT(f->node[left].leaf_hi == f->node[right].leaf_lo);
-    MN_ASSERT(f->node[left].order < n->order && f->node[right].order < n->order);
-    *killed += f->pair[n->pair].killed;
+    const mni_front_branch *below = &f->branch[child & ~MNI_FRONT_BRANCH];
+    MN_ASSERT(below->parent == branch && below->order < b->order);
+    return below->slot;
+}
+
+static void check_branch(const mni_front *f, uint32_t branch) {
+    const mni_front_branch *b = &f->branch[branch];
+    uint32_t left = check_child(f, branch, b->child[0]),
+             right = check_child(f, branch, b->child[1]);
+    MN_ASSERT(left == b->slot && right != left && mni_front_is_active(f, right));
+    MN_ASSERT(f->node[left].leaf_lo < f->node[right].leaf_lo);
 }
 
 void mni_front_check(const mni_front *f) {
-    uint64_t corners = 0, killed = 0, active = 0, expanded = 0;
-    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++) {
-        uint16_t flags = f->node[slot].flags;
-        if ((flags & (MNI_NODE_ACTIVE | MNI_NODE_EXPANDED)) == 0)
+    uint64_t corners = 0, killed = 0, active = 0, expanded = 0, leaves = 0;
+    for (uint32_t slot = 0; slot < f->slots_high; slot++) {
+        if (!mni_front_is_active(f, slot))
             continue;
-        check_node(f, slot, &corners, &killed);
-        active += (flags & MNI_NODE_ACTIVE) != 0;
-        expanded += (flags & MNI_NODE_EXPANDED) != 0;
+        corners += check_slot(f, slot);
+        leaves += f->node[slot].leaf_hi - f->node[slot].leaf_lo;
+        active++;
+    }
+    for (uint32_t b = 0; b < f->branches_high; b++) {
+        if (!mni_front_is_branch(f, b))
+            continue;
+        check_branch(f, b);
+        killed += f->branch[b].killed;
+        expanded++;
     }
     uint64_t simplices = 0, triangles = 0;
     for (uint32_t s = 0; s < f->simplices_high; s++) {
@@ -191,7 +218,7 @@ void mni_front_check(const mni_front *f) {
         triangles += node[2] != MN_NONE;
     }
     MN_ASSERT(active == f->active && active == expanded + f->header->roots);
-    MN_ASSERT(f->pairs_used == expanded + f->header->roots);
+    MN_ASSERT(leaves == f->header->leaves); /* found by their first leaf, so they cover all once */
     MN_ASSERT(simplices == f->simplices_used && triangles == f->triangles);
     MN_ASSERT(simplices == killed); /* all that is killed above the front, and nothing else */
     MN_ASSERT(corners == 2 * simplices + triangles);
@@ -234,8 +261,9 @@ static bool subtree_node(const mni_block *block, mni_child *at) {
 bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
     uint32_t slot = mni_front_find(f, leaf);
     const mni_front_node *n = &f->node[slot];
-    mni_entry entry = n->entry;
-    uint32_t lo = n->leaf_lo;
+    const mni_entry own = mni_front_entry(f, n->parent, slot);
+    mni_entry entry = own;
+    uint32_t lo = f->node[slot].leaf_lo;
     mni_child at = {.kind = n->flags & MNI_NODE_STUB ? MNI_CHILD_SUBTREE : MNI_CHILD_INNER,
                     .node = n->index,
                     .exit = n->index};
@@ -250,7 +278,7 @@ bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
             there = exit_down(f, entry, &block, &at, &below);
             if (!there)
                 break;
-            if (entry != n->entry)
+            if (entry != own)
                 mni_store_sub(f->store, entry);
             entry = below;
             block_reopen(f, entry, &block);
@@ -267,7 +295,7 @@ bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
         }
         there = at.kind != MNI_CHILD_LEAF || lo == leaf;
     }
-    if (entry != n->entry)
+    if (entry != own)
         mni_store_sub(f->store, entry);
     return there;
 }

@@ -23,38 +23,6 @@
 
 enum { SMALL_TRIANGLES = 2000 };
 
-/* ---- the agenda: a binary heap -----------------------------------------------------------------
- */
-
-static bool before(const mni_navigator *nav, mni_agenda_item a, mni_agenda_item b) {
-    return a.key != b.key ? a.key < b.key
-                          : nav->front.node[a.slot].order < nav->front.node[b.slot].order;
-}
-
-static void agenda_push(mni_navigator *nav, uint32_t key, uint32_t slot) {
-    MN_ASSERT(nav->agenda_count < nav->agenda_max);
-    mni_agenda_item item = {key, slot};
-    uint32_t at = nav->agenda_count++;
-    for (uint32_t up; at > 0 && before(nav, item, nav->agenda[up = (at - 1) / 2]); at = up)
-        nav->agenda[at] = nav->agenda[up];
-    nav->agenda[at] = item;
-}
-
-static uint32_t agenda_pop(mni_navigator *nav) {
-    MN_ASSERT(nav->agenda_count > 0);
-    uint32_t top = nav->agenda[0].slot, count = --nav->agenda_count, at = 0;
-    mni_agenda_item item = nav->agenda[count];
-    for (uint32_t down; (down = 2 * at + 1) < count; at = down) {
-        if (down + 1 < count && before(nav, nav->agenda[down + 1], nav->agenda[down]))
-            down++;
-        if (!before(nav, nav->agenda[down], item))
-            break;
-        nav->agenda[at] = nav->agenda[down];
-    }
-    nav->agenda[at] = item;
-    return top;
-}
-
 /* ---- collapses ---------------------------------------------------------------------------------
  */
 
@@ -72,28 +40,35 @@ static void check_small(const mni_navigator *nav) {
 #endif
 }
 
-static bool wanted(const mni_navigator *nav, uint32_t slot) {
-    mni_bounds bounds = mni_front_bounds(&nav->front, slot);
-    return !mni_front_is_leaf(&nav->front, slot) && mni_lens_wants(&nav->lens, &bounds);
+/* The fork, keyed by its order id, if it is one and not wanted. */
+static void consider_fork(mni_navigator *nav, uint32_t fork) {
+    if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
+        return;
+    mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
+    if (!mni_lens_wants(&nav->lens, &bounds))
+        mni_agenda_push(&nav->agenda, (mni_agenda_item){nav->front.branch[fork].order, 0, fork});
 }
 
-/* The fork's parent, keyed by its order id, if it is a fork and not wanted. */
-static void consider_fork(mni_navigator *nav, uint32_t pair) {
-    if (!mni_front_is_fork(&nav->front, pair))
-        return;
-    uint32_t parent = nav->front.pair[pair].parent;
-    if (!wanted(nav, parent))
-        agenda_push(nav, nav->front.node[parent].order, parent);
+static void collapse_agenda(mni_navigator *nav) {
+    const mni_front *front = &nav->front;
+    mni_agenda_clear(&nav->agenda);
+    for (uint32_t b = 0; b < front->branches_high; b++) {
+        if (!mni_front_is_fork(front, b))
+            continue;
+        mni_bounds bounds = mni_front_branch_bounds(front, b);
+        if (!mni_lens_wants(&nav->lens, &bounds))
+            mni_agenda_add(&nav->agenda, (mni_agenda_item){front->branch[b].order, 0, b});
+    }
+    mni_agenda_begin(&nav->agenda);
 }
 
 static void collapse_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
-    nav->agenda_count = 0;
-    for (uint32_t pair = 0; pair < front->pairs_high; pair++)
-        consider_fork(nav, pair);
-    while (nav->agenda_count > 0) {
-        uint32_t parent = agenda_pop(nav), pair = front->node[parent].pair;
-        if (mni_front_collapse_blocker(front, pair) != MN_NONE) {
+    mni_agenda_item item;
+    collapse_agenda(nav);
+    while (mni_agenda_pop(&nav->agenda, &item)) {
+        uint32_t fork = item.what, parent = front->branch[fork].parent;
+        if (mni_front_collapse_blocker(front, fork) != MN_NONE) {
             nav->work.waits_dependency++;
             continue;
         }
@@ -102,7 +77,7 @@ static void collapse_pass(mni_navigator *nav) {
             continue;
         }
         uint32_t triangles = front->triangles;
-        mni_outcome outcome = mni_front_collapse(front, pair);
+        mni_outcome outcome = mni_front_collapse(front, fork);
         nav->work.triangles_removed += triangles - front->triangles;
         mni_store_attempt_over(front->store);
         check_small(nav);
@@ -110,7 +85,7 @@ static void collapse_pass(mni_navigator *nav) {
         nav->work.misses += outcome == MNI_MISS;
         nav->work.refused_pool += outcome == MNI_REFUSED_POOL;
         if (outcome == MNI_DONE)
-            consider_fork(nav, parent >> 1);
+            consider_fork(nav, parent);
     }
 }
 
@@ -129,11 +104,9 @@ static uint32_t push_blockers(mni_navigator *nav, uint32_t slot, uint32_t top) {
     uint32_t witness = mni_front_split_blocker(&nav->front, slot);
     if (witness == MN_NONE || top == MNI_STACK_MAX)
         return 0;
-    nav->stack[top] = witness;
+    nav->stack[top] = mni_front_ref_of(&nav->front, witness);
     uint32_t room = top < MNI_STACK_MAX / 2 ? MNI_STACK_MAX / 2 - top : 1;
-    uint32_t all =
-        room > 1 ? mni_front_split_blockers(&nav->front, slot, nav->stack + top, room) : 1;
-    return all;
+    return room > 1 ? mni_front_split_blockers(&nav->front, slot, nav->stack + top, room) : 1;
 }
 
 /* Splits slot and, before it, what must be split before it; whole, or not at all. *count: splits in
@@ -142,15 +115,15 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
     mni_front *front = &nav->front;
     mni_outcome outcome = MNI_DONE;
     uint32_t top = 1;
-    nav->stack[0] = slot;
+    nav->stack[0] = mni_front_ref_of(front, slot);
     *count = 0;
     while (top > 0 && outcome == MNI_DONE) {
-        uint32_t at = nav->stack[top - 1];
-        if (!mni_front_is_active(front, at)) { /* another way has split it */
+        mni_front_ref at = nav->stack[top - 1];
+        if (!mni_front_stands(front, at)) { /* another way has split it */
             top--;
             continue;
         }
-        uint32_t pushed = push_blockers(nav, at, top);
+        uint32_t pushed = push_blockers(nav, at.slot, top);
         if (pushed > 0) {
             top += pushed;
         } else if (top == MNI_STACK_MAX || *count == nav->chain_max) {
@@ -158,9 +131,9 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
         } else if (nav->ops_max > 0 && ops(nav) > 0 && ops(nav) + *count >= nav->ops_max) {
             outcome = MNI_REFUSED_BUDGET;
         } else {
-            outcome = mni_front_split(front, at);
+            outcome = mni_front_split(front, at.slot, &nav->chain[*count]);
             if (outcome == MNI_DONE) {
-                nav->chain[(*count)++] = at;
+                ++*count;
                 top--;
                 check_small(nav);
             }
@@ -183,22 +156,45 @@ static uint32_t split_key(double priority_px) {
     return UINT32_MAX - bits;
 }
 
-static void consider_split(mni_navigator *nav, uint32_t slot) {
-    if (!wanted(nav, slot))
-        return;
+static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *item) {
+    if (mni_front_is_leaf(&nav->front, slot))
+        return false;
     mni_bounds bounds = mni_front_bounds(&nav->front, slot);
-    agenda_push(nav, split_key(mni_lens_priority(&nav->lens, &bounds)), slot);
+    if (!mni_lens_wants(&nav->lens, &bounds))
+        return false;
+    *item = (mni_agenda_item){split_key(mni_lens_priority(&nav->lens, &bounds)),
+                              nav->front.node[slot].order, slot};
+    return true;
+}
+
+static bool item_stands(const void *context, mni_agenda_item item) {
+    return mni_front_stands(context, (mni_front_ref){item.what, item.order});
+}
+
+/* A node is considered once, when the pass begins or when it comes to be; those that still stand
+ * are no more than the front's room. */
+static void consider_split(mni_navigator *nav, uint32_t slot) {
+    mni_agenda_item item;
+    if (!wanted(nav, slot, &item))
+        return;
+    if (mni_agenda_is_full(&nav->agenda))
+        mni_agenda_keep(&nav->agenda, item_stands, &nav->front);
+    mni_agenda_push(&nav->agenda, item);
 }
 
 static void split_agenda(mni_navigator *nav, bool forget_given_up) {
-    nav->agenda_count = 0;
-    for (uint32_t slot = 0; slot < 2 * nav->front.pairs_high; slot++) {
-        if (!mni_front_is_active(&nav->front, slot))
+    mni_front *front = &nav->front;
+    mni_agenda_item item;
+    mni_agenda_clear(&nav->agenda);
+    for (uint32_t slot = 0; slot < front->slots_high; slot++) {
+        if (!mni_front_is_active(front, slot))
             continue;
         if (forget_given_up)
-            nav->front.node[slot].flags &= (uint16_t)~MNI_NODE_GIVEN_UP;
-        consider_split(nav, slot);
+            front->node[slot].flags &= 7 & ~MNI_NODE_GIVEN_UP;
+        if (wanted(nav, slot, &item))
+            mni_agenda_add(&nav->agenda, item);
     }
+    mni_agenda_begin(&nav->agenda);
 }
 
 static void refuse(mni_navigator *nav, uint32_t slot, mni_outcome outcome) {
@@ -232,9 +228,10 @@ static void split_pass(mni_navigator *nav) {
     nav->epoch = epoch;
     split_agenda(nav, again);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
-    while (nav->agenda_count > 0) {
-        uint32_t slot = agenda_pop(nav), count, triangles = front->triangles;
-        if (!mni_front_is_active(front, slot)) /* forced by another */
+    mni_agenda_item item;
+    while (mni_agenda_pop(&nav->agenda, &item)) {
+        uint32_t slot = item.what, count, triangles = front->triangles;
+        if (!item_stands(front, item)) /* forced by another */
             continue;
         mni_outcome outcome = closed;
         if (closed == MNI_DONE)
@@ -250,12 +247,12 @@ static void split_pass(mni_navigator *nav) {
             mni_front_release(front, nav->chain[i]);
         nav->work.splits += count;
         nav->work.triangles_made += front->triangles - triangles;
-        for (uint32_t i = 0; i < count; i++) {
-            uint32_t pair = front->node[nav->chain[i]].pair;
-            for (uint32_t child = 2 * pair; child < 2 * pair + 2; child++)
-                if (mni_front_is_active(front, child))
+        for (uint32_t i = 0; i < count; i++)
+            for (int side = 0; side < 2; side++) {
+                uint32_t child = front->branch[nav->chain[i]].child[side];
+                if ((child & MNI_FRONT_BRANCH) == 0)
                     consider_split(nav, child);
-        }
+            }
     }
     nav->version = front->version;
 }
@@ -308,7 +305,7 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
 
 double mni_navigator_error_px(const mni_navigator *nav) {
     double most = 0;
-    for (uint32_t slot = 0; slot < 2 * nav->front.pairs_high; slot++) {
+    for (uint32_t slot = 0; slot < nav->front.slots_high; slot++) {
         if (!mni_front_is_active(&nav->front, slot))
             continue;
         mni_bounds bounds = mni_front_bounds(&nav->front, slot);
@@ -322,8 +319,12 @@ double mni_navigator_error_px(const mni_navigator *nav) {
 
 double mni_navigator_front_over_wanted(const mni_navigator *nav) {
     uint64_t nodes = 0;
-    for (uint32_t slot = 0; slot < 2 * nav->front.pairs_high; slot++)
-        nodes += (nav->front.node[slot].flags & MNI_NODE_EXPANDED) && wanted(nav, slot);
+    for (uint32_t b = 0; b < nav->front.branches_high; b++) {
+        if (!mni_front_is_branch(&nav->front, b))
+            continue;
+        mni_bounds bounds = mni_front_branch_bounds(&nav->front, b);
+        nodes += mni_lens_wants(&nav->lens, &bounds);
+    }
     uint32_t roots = nav->front.header->roots;
     return (double)nav->front.active / (double)(nodes + roots);
 }
@@ -337,18 +338,16 @@ static uint32_t chain_room(uint32_t nodes_max) {
 
 size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
                                 uint32_t simplices_max) {
-    return mni_front_need_bytes(header, nodes_max, simplices_max) +
-           mni_arena_need(2 * (size_t)nodes_max, sizeof(mni_agenda_item), 64) +
-           mni_arena_need(MNI_STACK_MAX, sizeof(uint32_t), 64) +
+    return mni_front_need_bytes(header, nodes_max, simplices_max) + mni_agenda_need(nodes_max) +
+           mni_arena_need(MNI_STACK_MAX, sizeof(mni_front_ref), 64) +
            mni_arena_need(chain_room(nodes_max), sizeof(uint32_t), 64);
 }
 
 mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header *header,
                            uint32_t nodes_max, uint32_t simplices_max, mni_arena *arena,
                            mn_status *st) {
-    nav->agenda_max = 2 * nodes_max;
     nav->chain_max = chain_room(nodes_max);
-    nav->agenda = mni_arena_take(arena, nav->agenda_max, sizeof *nav->agenda, 64);
+    mni_agenda_open(&nav->agenda, nodes_max, arena);
     nav->stack = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->stack, 64);
     nav->chain = mni_arena_take(arena, nav->chain_max, sizeof *nav->chain, 64);
     nav->failed = -1;

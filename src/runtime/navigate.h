@@ -2,6 +2,7 @@
 #ifndef MNI_NAVIGATE_H
 #define MNI_NAVIGATE_H
 
+#include "agenda.h"
 #include "front.h"
 
 enum {
@@ -11,11 +12,6 @@ enum {
     MNI_LEVELS_A_DOUBLING = 4, /* the tolerance rises by 2^(1/4) a step */
     MNI_HOLD_FRAMES = 8,       /* after a step up, while the camera moves, no step down */
 };
-
-/* What waits for its turn, smallest first. */
-typedef struct mni_agenda_item {
-    uint32_t key, slot; /* equal keys: the lower order id first */
-} mni_agenda_item;
 
 /* What a frame did and could not do (terms in design.md §1). */
 typedef struct mni_work {
@@ -32,9 +28,10 @@ typedef struct mni_navigator {
     uint64_t ops_max; /* a frame; 0: no limit */
     bool degrades;
     double size; /* of the model: its radius */
-    mni_agenda_item *agenda;
-    uint32_t *stack, *chain; /* MNI_STACK_MAX; chain_max */
-    uint32_t agenda_max, chain_max;
+    mni_agenda agenda;
+    mni_front_ref *stack; /* MNI_STACK_MAX */
+    uint32_t *chain;      /* chain_max branches */
+    uint32_t chain_max;
 
     /* the frame */
     uint32_t width_px, height_px; /* by the session: at open, and when a window is resized */
@@ -43,9 +40,8 @@ typedef struct mni_navigator {
     double tolerance_px; /* as asked for; the lens has what is used */
     bool moved;          /* the camera or the tolerance is not the last frame's */
     bool settled_level;  /* the level of degrading would not change if the camera stood */
-    uint32_t agenda_count;
-    uint64_t version; /* of the front, when chains were given up */
-    uint64_t epoch;   /* of the store, then */
+    uint64_t version;    /* of the front, when chains were given up */
+    uint64_t epoch;      /* of the store, then */
     mni_work work;
 
     /* degrading */

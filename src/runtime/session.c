@@ -184,7 +184,7 @@ static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *sta
 static uint64_t front_hash(mn_session *s) {
     mni_front *front = &s->nav.front;
     if (s->hash_version != front->version) {
-        s->hash = mni_front_hash(front, (uint32_t *)s->nav.agenda);
+        s->hash = mni_front_hash(front, (uint32_t *)s->nav.agenda.item);
         s->hash_version = front->version;
     }
     return s->hash;
@@ -295,7 +295,7 @@ void mn_session_stats_get(const mn_session *s, mn_session_stats *out) {
 
 void mn_session_front(const mn_session *s, mn_front *out) {
     const mni_front *front = &s->nav.front;
-    *out = (mn_front){.node_slots = 2 * front->pairs_high,
+    *out = (mn_front){.node_slots = front->slots_high,
                       .position = front->position,
                       .color = front->color,
                       .switch_value = front->switch_value,

@@ -88,7 +88,7 @@ static bool check_edges(const rig *r) {
     const mni_front *f = &r->front;
     static uint64_t edge[3 * 4000];
     size_t count = 0;
-    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++)
+    for (uint32_t slot = 0; slot < f->slots_high; slot++)
         if (mni_front_is_active(f, slot) && f->node[slot].order > r->m.header.legal_last)
             return false;
     for (uint32_t s = 0; s < f->simplices_high; s++) {
@@ -124,20 +124,35 @@ static bool can_split(rig *r, uint32_t slot) {
            mni_front_split_blocker(&r->front, slot) == MN_NONE;
 }
 
-static bool can_collapse(rig *r, uint32_t pair) {
-    return mni_front_is_fork(&r->front, pair) &&
-           mni_front_collapse_blocker(&r->front, pair) == MN_NONE;
+static bool can_collapse(rig *r, uint32_t fork) {
+    return mni_front_is_fork(&r->front, fork) &&
+           mni_front_collapse_blocker(&r->front, fork) == MN_NONE;
 }
 
 static void split(rig *r, uint32_t slot) {
-    ck_assert_int_eq(mni_front_split(&r->front, slot), MNI_DONE);
-    mni_front_release(&r->front, slot);
+    uint32_t branch;
+    ck_assert_int_eq(mni_front_split(&r->front, slot, &branch), MNI_DONE);
+    mni_front_release(&r->front, branch);
+}
+
+/* A branch at random, fork or not. MNI_FRONT_NO_PARENT: there is none. */
+static uint32_t random_branch(const rig *r) {
+    uint32_t high = r->front.branches_high;
+    return high > 0 ? (uint32_t)(model_random() % high) : MNI_FRONT_NO_PARENT;
+}
+
+static bool collapse_some(rig *r) {
+    uint32_t fork = random_branch(r);
+    if (fork == MNI_FRONT_NO_PARENT || !can_collapse(r, fork))
+        return false;
+    ck_assert_int_eq(mni_front_collapse(&r->front, fork), MNI_DONE);
+    return true;
 }
 
 static void refine_fully(rig *r) {
     for (bool any = true; any;) {
         any = false;
-        for (uint32_t slot = 0; slot < 2 * r->front.pairs_high; slot++)
+        for (uint32_t slot = 0; slot < r->front.slots_high; slot++)
             if (can_split(r, slot)) {
                 split(r, slot);
                 any = true;
@@ -148,9 +163,9 @@ static void refine_fully(rig *r) {
 static void coarsen_fully(rig *r) {
     for (bool any = true; any;) {
         any = false;
-        for (uint32_t pair = 0; pair < r->front.pairs_high; pair++)
-            if (can_collapse(r, pair)) {
-                ck_assert_int_eq(mni_front_collapse(&r->front, pair), MNI_DONE);
+        for (uint32_t b = 0; b < r->front.branches_high; b++)
+            if (can_collapse(r, b)) {
+                ck_assert_int_eq(mni_front_collapse(&r->front, b), MNI_DONE);
                 any = true;
             }
     }
@@ -193,7 +208,7 @@ static void check_full_detail(rig *r) {
     qsort(have, count, sizeof *have, compare_triples);
     qsort(want, count, sizeof *want, compare_triples);
     ck_assert_mem_eq(have, want, count * sizeof *have);
-    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++) {
+    for (uint32_t slot = 0; slot < f->slots_high; slot++) {
         if (!mni_front_is_active(f, slot))
             continue;
         uint32_t leaf = f->node[slot].leaf_lo;
@@ -237,12 +252,12 @@ START_TEST(random_moves) {
     for (int phase = 0; phase < 8; phase++) {
         bool finer = phase % 2 == 0;
         for (int i = 0; i < 150; i++) {
-            uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high));
+            uint32_t slot = (uint32_t)(model_random() % (r.front.slots_high));
             if (model_uniform(0, 1) < (finer ? 0.8 : 0.2)) {
                 if (can_split(&r, slot))
                     split(&r, slot);
-            } else if (can_collapse(&r, slot / 2)) {
-                ck_assert_int_eq(mni_front_collapse(&r.front, slot / 2), MNI_DONE);
+            } else {
+                collapse_some(&r);
             }
             check(&r);
             legal += r.m.closed && check_edges(&r);
@@ -251,9 +266,7 @@ START_TEST(random_moves) {
     refine_fully(&r);
     check_full_detail(&r);
     for (int i = 0; i < 60; i++) { /* near full detail all order ids are legal */
-        uint32_t pair = (uint32_t)(model_random() % r.front.pairs_high);
-        if (can_collapse(&r, pair))
-            ck_assert_int_eq(mni_front_collapse(&r.front, pair), MNI_DONE);
+        collapse_some(&r);
         check(&r);
         legal += r.m.closed && check_edges(&r);
     }
@@ -273,10 +286,9 @@ START_TEST(unsplit_undoes) {
         uint64_t version = r.front.version, hash = mni_front_hash(&r.front, scratch);
         uint32_t simplices = r.front.simplices_used, triangles = r.front.triangles;
         int count = 0;
-        for (uint32_t slot = 0; slot < 2 * r.front.pairs_high && count < 10; slot++)
+        for (uint32_t slot = 0; slot < r.front.slots_high && count < 10; slot++)
             if (can_split(&r, slot)) {
-                ck_assert_int_eq(mni_front_split(&r.front, slot), MNI_DONE);
-                done[count++] = slot;
+                ck_assert_int_eq(mni_front_split(&r.front, slot, &done[count++]), MNI_DONE);
             }
         while (count > 0)
             mni_front_unsplit(&r.front, done[--count]);
@@ -285,7 +297,7 @@ START_TEST(unsplit_undoes) {
         ck_assert_uint_eq(r.front.version, version);
         ck_assert_uint_eq(r.front.simplices_used, simplices);
         ck_assert_uint_eq(r.front.triangles, triangles);
-        for (uint32_t slot = 0; slot < 2 * r.front.pairs_high; slot++)
+        for (uint32_t slot = 0; slot < r.front.slots_high; slot++)
             if (can_split(&r, slot)) { /* and on */
                 split(&r, slot);
                 break;
@@ -300,20 +312,23 @@ START_TEST(witnesses) {
     rig r;
     rig_open(&r, MODEL_GLOBE, 700, &levels_5);
     for (int i = 0; i < 1500; i++) {
-        uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high)), found;
+        uint32_t slot = (uint32_t)(model_random() % (r.front.slots_high));
+        mni_front_ref found;
         if (mni_front_is_active(&r.front, slot)) {
             bool blocked = mni_front_split_blocker(&r.front, slot) != MN_NONE;
             ck_assert(blocked == (mni_front_split_blockers(&r.front, slot, &found, 1) == 1));
+            ck_assert(!blocked || found.order > r.front.node[slot].order);
             if (!blocked && !mni_front_is_leaf(&r.front, slot) && i % 3)
                 split(&r, slot);
         }
-        uint32_t pair = slot / 2;
-        if (mni_front_is_fork(&r.front, pair)) {
-            bool blocked = mni_front_collapse_blocker(&r.front, pair) != MN_NONE;
-            r.front.pair[pair].witness = MN_NONE;
-            ck_assert(blocked == (mni_front_collapse_blocker(&r.front, pair) != MN_NONE));
+        uint32_t fork = random_branch(&r);
+        if (fork != MNI_FRONT_NO_PARENT && mni_front_is_fork(&r.front, fork)) {
+            const uint32_t *child = r.front.branch[fork].child;
+            bool blocked = mni_front_collapse_blocker(&r.front, fork) != MN_NONE;
+            r.front.node[child[0]].witness = r.front.node[child[1]].witness = MN_NONE;
+            ck_assert(blocked == (mni_front_collapse_blocker(&r.front, fork) != MN_NONE));
             if (!blocked && i % 5 == 0)
-                ck_assert_int_eq(mni_front_collapse(&r.front, pair), MNI_DONE);
+                ck_assert_int_eq(mni_front_collapse(&r.front, fork), MNI_DONE);
         }
     }
     check(&r);
@@ -329,13 +344,13 @@ START_TEST(leaves) {
         for (uint32_t leaf = 0; leaf < r.m.header.leaves; leaf++) {
             float at[3];
             const mni_front_node *n = &r.front.node[mni_front_find(&r.front, leaf)];
-            ck_assert(n->leaf_lo <= leaf && leaf < n->leaf_hi && (n->flags & MNI_NODE_ACTIVE));
+            ck_assert(n->leaf_lo <= leaf && leaf < n->leaf_hi && n->order != MN_NONE);
             ck_assert(mni_front_leaf_position(&r.front, leaf, at));
             ck_assert_mem_eq(at, &r.m.tree.leaf_position[3 * leaf], sizeof at);
         }
         check(&r); /* nothing is left in use */
         for (int i = 0; i < 60; i++) {
-            uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high));
+            uint32_t slot = (uint32_t)(model_random() % (r.front.slots_high));
             if (can_split(&r, slot))
                 split(&r, slot);
         }
@@ -351,16 +366,16 @@ typedef struct seen { /* a front as a renderer keeps it */
 } seen;
 
 static void see(const mni_front *f, seen *s) {
-    ck_assert(2 * f->pairs_max <= 4096 && f->simplices_max <= 4096);
+    ck_assert(f->nodes_max <= 4096 && f->simplices_max <= 4096);
     s->version = f->version;
-    memcpy(s->position, f->position, 6 * f->pairs_max * sizeof *f->position);
+    memcpy(s->position, f->position, 3 * f->nodes_max * sizeof *f->position);
     memcpy(s->simplex_node, f->simplex_node, 3 * f->simplices_max * sizeof *f->simplex_node);
 }
 
 /* What is not as it was seen lies in a page stamped since. Returns how many pages are stamped. */
 static uint32_t check_stamps(const mni_front *f, const seen *s) {
     uint32_t written = 0;
-    for (uint32_t slot = 0; slot < 2 * f->pairs_high; slot++) {
+    for (uint32_t slot = 0; slot < f->slots_high; slot++) {
         bool stamped = mn_front_written(f->node_stamp[slot / MN_FRONT_PAGE], s->version);
         written += stamped && slot % MN_FRONT_PAGE == 0;
         ck_assert(stamped || memcmp(&s->position[3 * slot], &f->position[3 * slot],
@@ -387,18 +402,19 @@ START_TEST(stamps) {
     for (int round = 0; round < 600; round++) {
         see(&r.front, &s);
         for (int i = 0; i < 8; i++) {
-            uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high));
+            uint32_t slot = (uint32_t)(model_random() % (r.front.slots_high));
             if (can_split(&r, slot)) {
-                ck_assert_int_eq(mni_front_split(&r.front, slot), MNI_DONE);
+                uint32_t branch;
+                ck_assert_int_eq(mni_front_split(&r.front, slot, &branch), MNI_DONE);
                 if (i % 3 == 0)
-                    mni_front_unsplit(&r.front, slot);
+                    mni_front_unsplit(&r.front, branch);
                 else
-                    mni_front_release(&r.front, slot);
-            } else if (can_collapse(&r, slot / 2)) {
-                ck_assert_int_eq(mni_front_collapse(&r.front, slot / 2), MNI_DONE);
+                    mni_front_release(&r.front, branch);
+            } else {
+                collapse_some(&r);
             }
         }
-        pages += (2 * r.front.pairs_high + r.front.simplices_high) / MN_FRONT_PAGE + 2;
+        pages += (r.front.slots_high + r.front.simplices_high) / MN_FRONT_PAGE + 2;
         written += check_stamps(&r.front, &s);
     }
     ck_assert_uint_gt(r.front.version, UINT32_MAX);
@@ -411,19 +427,19 @@ END_TEST
 START_TEST(room) {
     rig r;
     rig_open(&r, MODEL_TORUS, 200, &levels_5);
-    uint32_t pairs_max = r.front.pairs_max, simplices_max = r.front.simplices_max;
-    r.front.pairs_max = r.front.pairs_used;
+    uint32_t nodes_max = r.front.nodes_max, simplices_max = r.front.simplices_max, branch;
+    r.front.nodes_max = r.front.active;
     ck_assert(can_split(&r, 0));
-    ck_assert_int_eq(mni_front_split(&r.front, 0), MNI_REFUSED_FRONT);
-    r.front.pairs_max = pairs_max;
+    ck_assert_int_eq(mni_front_split(&r.front, 0, &branch), MNI_REFUSED_FRONT);
+    r.front.nodes_max = nodes_max;
     uint32_t refused = 0;
     for (int i = 0; i < 1500; i++) {
-        uint32_t slot = (uint32_t)(model_random() % (2 * r.front.pairs_high));
+        uint32_t slot = (uint32_t)(model_random() % (r.front.slots_high));
         if (!can_split(&r, slot))
             continue;
         r.front.simplices_max = r.front.simplices_used;
         uint32_t active = r.front.active;
-        mni_outcome outcome = mni_front_split(&r.front, slot);
+        mni_outcome outcome = mni_front_split(&r.front, slot, &branch);
         r.front.simplices_max = simplices_max;
         if (outcome == MNI_REFUSED_FRONT) {
             refused++;
@@ -432,7 +448,7 @@ START_TEST(room) {
             split(&r, slot);
         } else { /* it brought no simplex */
             ck_assert_int_eq(outcome, MNI_DONE);
-            mni_front_release(&r.front, slot);
+            mni_front_release(&r.front, branch);
         }
     }
     ck_assert_uint_gt(refused, 20);
@@ -562,7 +578,7 @@ START_TEST(what_both_blocks_say_must_agree) {
         uint32_t found = MN_NONE;
         for (bool any = true; any;) {
             any = false;
-            for (uint32_t slot = 0; slot < 2 * r.front.pairs_high; slot++) {
+            for (uint32_t slot = 0; slot < r.front.slots_high; slot++) {
                 if (!can_split(&r, slot) || (r.front.node[slot].flags & MNI_NODE_BAD))
                     continue;
                 any = true;
@@ -570,7 +586,8 @@ START_TEST(what_both_blocks_say_must_agree) {
                     split(&r, slot);
                     continue;
                 }
-                ck_assert_int_eq(mni_front_split(&r.front, slot), MNI_BAD);
+                uint32_t branch;
+                ck_assert_int_eq(mni_front_split(&r.front, slot, &branch), MNI_BAD);
                 ck_assert(r.front.node[slot].flags & MNI_NODE_BAD);
                 found = slot;
             }

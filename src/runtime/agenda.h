@@ -1,0 +1,49 @@
+/* What a pass has still to do, smallest key first, equal keys by the lower order id.
+ *
+ * What is known at the start is added and sorted at once; what turns up later is pushed. Navigate
+ * only; a fixed array of the arena's.
+ *
+ *     item: | heap: pushed later … | free | sorted: added first, taken from its front |
+ */
+#ifndef MNI_AGENDA_H
+#define MNI_AGENDA_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "mem.h"
+
+typedef struct mni_agenda_item {
+    uint32_t key, order,
+        what; /* what: the user's, as order is; no two items alike in key and order */
+} mni_agenda_item;
+
+typedef struct mni_agenda {
+    mni_agenda_item *item;
+    uint32_t max;
+    uint32_t heap; /* items in the heap; before begin: added */
+    uint32_t next; /* first of the sorted ones; max: there are no more */
+} mni_agenda;
+
+size_t mni_agenda_need(uint32_t max);
+void mni_agenda_open(mni_agenda *agenda, uint32_t max, mni_arena *arena);
+
+/* clear; add all that is known; begin; then pop, push, keep in any order. */
+void mni_agenda_clear(mni_agenda *agenda);
+void mni_agenda_begin(mni_agenda *agenda);
+static inline bool mni_agenda_is_full(const mni_agenda *agenda) {
+    return agenda->heap == agenda->next;
+}
+void mni_agenda_add(mni_agenda *agenda, mni_agenda_item item);
+void mni_agenda_push(mni_agenda *agenda, mni_agenda_item item);
+bool mni_agenda_pop(mni_agenda *agenda, mni_agenda_item *out); /* false: empty */
+/* Drops what is not worth keeping. O(items). */
+void mni_agenda_keep(mni_agenda *agenda, bool (*keep)(const void *context, mni_agenda_item item),
+                     const void *context);
+/* The sorted item so many places on, or NULL: to fetch what it needs ahead of its turn. */
+static inline const mni_agenda_item *mni_agenda_ahead(const mni_agenda *agenda, uint32_t places) {
+    return agenda->max - agenda->next > places ? &agenda->item[agenda->next + places] : NULL;
+}
+
+#endif

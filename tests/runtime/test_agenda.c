@@ -1,0 +1,136 @@
+/* Goal: whatever is added, pushed and dropped, items come out smallest first. Method: random work
+ * against a sorted list of what must be there, in agendas of every size from one item on. */
+#include <check.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "agenda.h"
+
+enum { MAX = 3000 };
+
+static uint64_t random_state;
+
+static uint32_t uniform(uint32_t below) {
+    random_state = random_state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return (uint32_t)((random_state >> 33) % below);
+}
+
+static mni_arena open_agenda(mni_agenda *agenda, uint32_t max) {
+    mni_arena arena;
+    mn_status st = {0};
+    ck_assert_int_eq(mni_arena_open(&arena, mni_agenda_need(max), &st), MN_OK);
+    mni_agenda_open(agenda, max, &arena);
+    return arena;
+}
+
+static bool before(mni_agenda_item a, mni_agenda_item b) {
+    return a.key != b.key ? a.key < b.key : a.order < b.order;
+}
+
+/* What must come next of the model, an unsorted list. */
+static uint32_t least(const mni_agenda_item *item, uint32_t count) {
+    uint32_t at = 0;
+    for (uint32_t i = 1; i < count; i++)
+        if (before(item[i], item[at]))
+            at = i;
+    return at;
+}
+
+static bool is_odd(const void *context, mni_agenda_item item) {
+    return context == NULL && item.what % 2 == 1;
+}
+
+static mni_agenda_item new_item(uint32_t serial, uint32_t keys) {
+    return (mni_agenda_item){keys > 0 ? uniform(keys) << uniform(20) : uniform(UINT32_MAX), serial,
+                             uniform(1000)};
+}
+
+/* keys: few make ties, 0 uses all 32 bits. */
+static void exercise(uint32_t max, uint32_t added, uint32_t keys) {
+    static mni_agenda_item model[MAX];
+    mni_agenda agenda;
+    mni_arena arena = open_agenda(&agenda, max);
+    mni_agenda_item item;
+    uint32_t count = 0, serial = 0;
+    ck_assert(!mni_agenda_pop(&agenda, &item));
+    for (; count < added; count++) {
+        model[count] = new_item(serial++, keys);
+        mni_agenda_add(&agenda, model[count]);
+    }
+    mni_agenda_begin(&agenda);
+    for (uint32_t step = 0; step < 4 * max; step++) {
+        uint32_t what = uniform(100);
+        if (what < 40 && count < max && !mni_agenda_is_full(&agenda)) {
+            model[count] = new_item(serial++, keys);
+            mni_agenda_push(&agenda, model[count++]);
+        } else if (what == 99) {
+            uint32_t kept = 0;
+            mni_agenda_keep(&agenda, is_odd, NULL);
+            for (uint32_t i = 0; i < count; i++)
+                if (model[i].what % 2 == 1)
+                    model[kept++] = model[i];
+            count = kept;
+        } else if (mni_agenda_pop(&agenda, &item)) {
+            uint32_t at = least(model, count);
+            ck_assert_uint_gt(count, 0);
+            ck_assert(item.key == model[at].key && item.order == model[at].order &&
+                      item.what == model[at].what);
+            model[at] = model[--count];
+        } else {
+            ck_assert_uint_eq(count, 0);
+        }
+        /* room that was used up is there again once the sorted items are gone */
+        ck_assert(!mni_agenda_is_full(&agenda) || count == max || agenda.next < agenda.max);
+    }
+    mni_arena_close(&arena);
+}
+
+START_TEST(smallest_first) {
+    static const uint32_t sizes[] = {1, 2, 3, 255, 256, 600, MAX};
+    uint32_t max = sizes[_i % 7], keys[] = {1, 5, 0};
+    for (int k = 0; k < 3; k++) {
+        exercise(max, 0, keys[k]);
+        exercise(max, max / 2, keys[k]); /* the most that a radix sort has room for */
+        exercise(max, max, keys[k]);
+    }
+}
+END_TEST
+
+/* What is ahead is what will be popped, as far as it is known. */
+START_TEST(ahead) {
+    mni_agenda agenda;
+    mni_arena arena = open_agenda(&agenda, 2000);
+    for (uint32_t i = 0; i < 1000; i++)
+        mni_agenda_add(&agenda, new_item(i, 0));
+    mni_agenda_begin(&agenda);
+    mni_agenda_item item;
+    for (uint32_t left = 1000; left > 0; left--) {
+        const mni_agenda_item *third = mni_agenda_ahead(&agenda, 2);
+        ck_assert((third == NULL) == (left <= 2));
+        const mni_agenda_item *next = mni_agenda_ahead(&agenda, 0);
+        ck_assert_ptr_nonnull(next);
+        uint32_t expected = next->order;
+        ck_assert(mni_agenda_pop(&agenda, &item) && item.order == expected);
+    }
+    ck_assert_ptr_null(mni_agenda_ahead(&agenda, 0));
+    mni_arena_close(&arena);
+}
+END_TEST
+
+int main(void) {
+    const char *seed = getenv("MN_SEED");
+    random_state = seed != NULL ? strtoull(seed, NULL, 10) : 20261122;
+    printf("MN_SEED=%llu\n", (unsigned long long)random_state);
+    Suite *suite = suite_create("agenda");
+    TCase *tc = tcase_create("agenda");
+    tcase_set_timeout(tc, 60);
+    tcase_add_loop_test(tc, smallest_first, 0, 7);
+    tcase_add_test(tc, ahead);
+    suite_add_tcase(suite, tc);
+    SRunner *runner = srunner_create(suite);
+    srunner_run_all(runner, CK_ENV);
+    const int failed = srunner_ntests_failed(runner);
+    srunner_free(runner);
+    return failed == 0 ? 0 : 1;
+}
