@@ -48,7 +48,6 @@ void mni_render_close(mni_render *r); /* the context still current */
 typedef struct mni_surface {
     /* const after open */
     uint32_t node_slots_max, simplex_slots_max;
-    double scale; /* of cross products to units of sum */
     /* what the driver has, or gets when the bits are sent; the caller reads it */
     float (*vertex)[4];   /* a node slot: position, switch value */
     uint32_t *color;      /* RGBA8; NULL: the model has none */
@@ -58,16 +57,16 @@ typedef struct mni_surface {
     uint32_t node_high, simplex_high;              /* slots from here on were never used */
     uint32_t triangles;
     /* surface.c alone */
-    int64_t (*sum)[3]; /* a node slot: area-weighted normals of its triangles */
+    uint32_t (*sum)[3]; /* a node slot: normals of its triangles, times angles; signed */
     const float *source;
     uint64_t version;    /* of the front that is mirrored, and where its positions lie */
     uint32_t node_fresh; /* slots from here on are new to the driver */
     bool pending;
 } mni_surface;
 
-/* diagonal: about the model's size. false: no memory. */
+/* false: no memory. */
 bool mni_surface_open(mni_surface *s, uint32_t node_slots_max, uint32_t simplex_slots_max,
-                      bool has_colors, double diagonal);
+                      bool has_colors);
 void mni_surface_close(mni_surface *s);
 /* Mirrors the front; then the caller sends what has a bit, and says so. */
 void mni_surface_update(mni_surface *s, const mn_front *front);
@@ -77,8 +76,8 @@ void mni_surface_sent(mni_surface *s);
 bool mni_surface_run(const uint64_t *bits, uint32_t limit, uint32_t gap, uint32_t *first,
                      uint32_t *end);
 void mni_surface_all(uint64_t *bits, uint32_t limit); /* sets those below limit */
-/* A vector of any length to GL's 10-10-10-2, signed, normalised; 0 where there is no direction. */
-uint32_t mni_surface_pack(const int64_t vector[3]);
+/* A sum to GL's 10-10-10-2, signed, normalised; 0 where there is no direction. */
+uint32_t mni_surface_pack(const uint32_t sum[3]);
 
 /* ---- png.c ---------------------------------------------------------------------------------- */
 
@@ -89,8 +88,8 @@ mn_code mni_png_write(const char *path, uint32_t width, uint32_t height, const u
 
 /* ---- shaders.c ------------------------------------------------------------------------------ */
 
-extern const char mni_shader_surface_vertex[], mni_shader_surface_fragment[];
-extern const char mni_shader_wire_geometry[], mni_shader_wire_fragment[];
+extern const char mni_shader_surface_vertex[], mni_shader_surface_geometry[];
+extern const char mni_shader_surface_fragment[], mni_shader_wire_fragment[];
 extern const char mni_shader_sky_vertex[], mni_shader_sky_fragment[];
 
 #endif

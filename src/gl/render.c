@@ -48,7 +48,7 @@ static const size_t range_gap_bytes = 256;
 
 typedef struct program {
     GLuint name;
-    GLint eye, view, scale, depth, inv_radius, paint, flat_shading;
+    GLint eye, view, scale, px_scale, depth, inv_radius, paint, flat_shading;
 } program;
 
 typedef struct target { /* what is drawn to, or read from */
@@ -134,13 +134,14 @@ static GLuint link_program(const char *vertex, const char *geometry, const char 
     return name;
 }
 
-static bool open_program(program *p, const char *geometry, const char *fragment, mn_status *st) {
-    p->name = link_program(mni_shader_surface_vertex, geometry, fragment, st);
+static bool open_program(program *p, const char *fragment, mn_status *st) {
+    p->name = link_program(mni_shader_surface_vertex, mni_shader_surface_geometry, fragment, st);
     if (p->name == 0)
         return false;
     p->eye = glGetUniformLocation(p->name, "eye");
     p->view = glGetUniformLocation(p->name, "view");
     p->scale = glGetUniformLocation(p->name, "scale");
+    p->px_scale = glGetUniformLocation(p->name, "px_scale");
     p->depth = glGetUniformLocation(p->name, "depth");
     p->inv_radius = glGetUniformLocation(p->name, "inv_radius");
     p->paint = glGetUniformLocation(p->name, "paint");
@@ -270,9 +271,8 @@ mn_code mni_render_open(const mn_gl_desc *desc, mni_render **out, mn_status *st)
         return mn_fail(st, MN_NO_GRAPHICS, "OpenGL %d.%d; 3.3 is needed", epoxy_gl_version() / 10,
                        epoxy_gl_version() % 10);
     mni_render *r = calloc(1, sizeof *r);
-    const float diagonal = glm_vec3_distance((float *)desc->box_min, (float *)desc->box_max);
     if (r == NULL || !mni_surface_open(&r->mirror, desc->node_slots_max, desc->simplex_slots_max,
-                                       desc->has_colors, diagonal)) {
+                                       desc->has_colors)) {
         free(r);
         return mn_fail(st, MN_FAILED, "no memory to draw %u nodes", desc->node_slots_max);
     }
@@ -280,8 +280,8 @@ mn_code mni_render_open(const mn_gl_desc *desc, mni_render **out, mn_status *st)
     glm_vec3_copy((float *)desc->box_max, r->box_max);
     fixed_state(r);
     mn_code code = choose_uploads(r, st);
-    bool good = code == MN_OK && open_program(&r->surface, NULL, mni_shader_surface_fragment, st) &&
-                open_program(&r->wire, mni_shader_wire_geometry, mni_shader_wire_fragment, st);
+    bool good = code == MN_OK && open_program(&r->surface, mni_shader_surface_fragment, st) &&
+                open_program(&r->wire, mni_shader_wire_fragment, st);
     r->sky = good ? link_program(mni_shader_sky_vertex, NULL, mni_shader_sky_fragment, st) : 0;
     if (code == MN_OK && r->sky == 0)
         code = MN_NO_GRAPHICS;
@@ -418,6 +418,7 @@ static void use(const mni_render *r, const program *p, const mn_camera *camera,
     glUniform3fv(p->eye, 1, camera->eye);
     glUniformMatrix3fv(p->view, 1, GL_FALSE, view[0]);
     glUniform2f(p->scale, sy * (float)r->height / (float)r->width, sy);
+    glUniform1f(p->px_scale, 0.5f * sy * (float)r->height);
     if (r->reversed_depth)
         glUniform2f(p->depth, 0, near);
     else

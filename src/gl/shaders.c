@@ -36,17 +36,57 @@ const char mni_shader_surface_vertex[] =
     "    }\n"
     "}\n";
 
+/* Normals at the corners. Where a vertex' smooth normal is far off the triangle's own, turned to
+ * the eye (32 to 44 degrees; on a right-angled edge it is 45), the corner takes the latter: sharp
+ * edges stay sharp and the faces beside them plain. But a triangle only a few pixels high (2 to 8)
+ * may be a sliver that stands askew, as scans and coarse fronts have them: lit as its neighbours
+ * are, or pictures would have specks and seem to have cracks. Two-sided: open meshes show their
+ * backs, where smooth normals must be turned; a triangle folded over, or wound wrongly, shows its
+ * back among neighbours that do not, and is left alone. */
+const char mni_shader_surface_geometry[] =
+    "#version 330 core\n"
+    "layout(triangles) in;\n"
+    "layout(triangle_strip, max_vertices = 3) out;\n"
+    "in vec3 v_at[];\n"
+    "centroid in vec3 v_normal[];\n"
+    "centroid in vec3 v_color[];\n"
+    "uniform bool flat_shading;\n"
+    "uniform float px_scale;\n" /* pixels of 1 at distance 1 */
+    "out vec3 g_at, g_edge;\n"  /* g_edge: barycentric coordinates */
+    "centroid out vec3 g_normal, g_color;\n"
+    "void main() {\n"
+    "    vec3 a = v_at[1] - v_at[0], b = v_at[2] - v_at[0], c = v_at[2] - v_at[1];\n"
+    "    vec3 middle = (v_at[0] + v_at[1] + v_at[2]) / 3.0, eye = -normalize(middle);\n"
+    "    vec3 n = cross(a, b);\n"
+    "    float twice_area = length(n);\n"
+    "    n = twice_area > 0.0 ? n / twice_area : eye;\n"
+    "    bool front = dot(n, eye) >= 0.0;\n"
+    "    if (!front) n = -n;\n"
+    "    vec3 mean = v_normal[0] + v_normal[1] + v_normal[2];\n"
+    "    mean = dot(mean, mean) > 0.0 ? normalize(mean) : n;\n"
+    "    bool back = !front && (dot(mean, eye) < -0.1 || dot(mean, n) < -0.5);\n"
+    "    float longest = sqrt(max(dot(a, a), max(dot(b, b), dot(c, c))));\n"
+    "    float height_px = px_scale * twice_area / max(longest * length(middle), 1e-37);\n"
+    "    float trust = flat_shading ? 1.0 : smoothstep(2.0, 8.0, height_px);\n"
+    "    for (int i = 0; i < 3; i++) {\n"
+    "        vec3 s = back ? -v_normal[i] : v_normal[i];\n"
+    "        float own = trust * (1.0 - smoothstep(0.72, 0.85, dot(n, s)));\n"
+    "        if (flat_shading || dot(s, s) < 0.25) own = 1.0;\n" /* or no smooth one */
+    "        gl_Position = gl_in[i].gl_Position;\n"
+    "        g_at = v_at[i];\n"
+    "        g_edge = vec3(i == 0, i == 1, i == 2);\n"
+    "        g_normal = mix(s, n, own);\n"
+    "        g_color = v_color[i];\n"
+    "        EmitVertex();\n"
+    "    }\n"
+    "    EndPrimitive();\n"
+    "}\n";
+
+/* Never black: a normal that looks away from the eye, as on outlines, is turned to the horizon. */
 #define SURFACE_LIGHT                                                                              \
-    "uniform bool flat_shading;\n"                                                                 \
-    "vec3 facing_normal(vec3 at, vec3 smooth_normal, bool front) {\n"                              \
-    "    vec3 n = cross(dFdx(at), dFdy(at));\n" /* the triangle's own, towards the eye */          \
-    "    n = dot(n, n) > 0.0 ? normalize(n) : vec3(0.0, 0.0, 1.0);\n"                              \
-    "    if (dot(n, at) > 0.0) n = -n;\n"                                                          \
-    "    if (flat_shading || dot(smooth_normal, smooth_normal) < 1e-4) return n;\n"                \
-    "    vec3 v = -normalize(at), s = normalize(smooth_normal);\n"                                 \
-    "    if (!front && dot(s, v) < 0.2) s = -s;\n"                                                 \
-    "    float agree = dot(n, s);\n"                                                               \
-    "    s = mix(s, n, smoothstep(0.25, 0.45, agree) * (1.0 - smoothstep(0.6, 0.85, agree)));\n"   \
+    "vec3 facing_normal(vec3 at, vec3 normal) {\n"                                                 \
+    "    vec3 v = -normalize(at);\n"                                                               \
+    "    vec3 s = dot(normal, normal) > 1e-4 ? normalize(normal) : v;\n"                           \
     "    return normalize(s + v * max(0.05 - dot(s, v), 0.0));\n"                                  \
     "}\n"                                                                                          \
     "float lobe(vec3 n, vec3 l, vec3 v, float power) {\n"                                          \
@@ -63,39 +103,14 @@ const char mni_shader_surface_vertex[] =
     "    return albedo * light + vec3(shine + rim);\n"                                             \
     "}\n"
 
-/* Two-sided: open meshes show their backs. Creases are kept: where the smooth normal is 30 to 75
- * degrees off the triangle's own, the latter takes over. Further off, the triangle is a sliver on
- * edge or folded over, as coarse fronts have them, and is lit as its neighbours are. */
 const char mni_shader_surface_fragment[] =
     "#version 330 core\n"
-    "in vec3 v_at;\n"
-    "centroid in vec3 v_normal;\n"
-    "centroid in vec3 v_color;\n"
+    "in vec3 g_at;\n"
+    "centroid in vec3 g_normal, g_color;\n"
     "out vec4 pixel;\n" SURFACE_LIGHT "void main() {\n"
-    "    vec3 n = facing_normal(v_at, v_normal, gl_FrontFacing);\n"
-    "    pixel = vec4(pow(lit(v_color, n, v_at), vec3(1.0 / 2.2)), 1.0);\n"
+    "    vec3 n = facing_normal(g_at, g_normal);\n"
+    "    pixel = vec4(pow(lit(g_color, n, g_at), vec3(1.0 / 2.2)), 1.0);\n"
     "}\n";
-
-/* Wireframe: each triangle carries its barycentric coordinates. */
-const char mni_shader_wire_geometry[] = "#version 330 core\n"
-                                        "layout(triangles) in;\n"
-                                        "layout(triangle_strip, max_vertices = 3) out;\n"
-                                        "in vec3 v_at[];\n"
-                                        "centroid in vec3 v_normal[];\n"
-                                        "centroid in vec3 v_color[];\n"
-                                        "out vec3 g_at, g_edge;\n"
-                                        "centroid out vec3 g_normal, g_color;\n"
-                                        "void main() {\n"
-                                        "    for (int i = 0; i < 3; i++) {\n"
-                                        "        gl_Position = gl_in[i].gl_Position;\n"
-                                        "        g_at = v_at[i];\n"
-                                        "        g_normal = v_normal[i];\n"
-                                        "        g_color = v_color[i];\n"
-                                        "        g_edge = vec3(i == 0, i == 1, i == 2);\n"
-                                        "        EmitVertex();\n"
-                                        "    }\n"
-                                        "    EndPrimitive();\n"
-                                        "}\n";
 
 /* A line is one pixel wide; it fades where triangles get as small as pixels, so that a dense mesh
  * stays readable as a surface. */
@@ -104,7 +119,7 @@ const char mni_shader_wire_fragment[] =
     "in vec3 g_at, g_edge;\n"
     "centroid in vec3 g_normal, g_color;\n"
     "out vec4 pixel;\n" SURFACE_LIGHT "void main() {\n"
-    "    vec3 n = facing_normal(g_at, g_normal, gl_FrontFacing);\n"
+    "    vec3 n = facing_normal(g_at, g_normal);\n"
     "    vec3 c = pow(lit(g_color, n, g_at), vec3(1.0 / 2.2));\n"
     "    vec3 w = max(fwidth(g_edge), vec3(1e-7));\n"
     "    vec3 d = g_edge / w;\n"

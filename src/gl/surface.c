@@ -14,7 +14,7 @@
  * not, either.
  *
  * Order: open; then update and take, in turn; close. Any one thread. Memory: from malloc at open,
- * touched as slots are: 44 bytes a node slot (with colours 48), 12 a simplex slot, and bits. An
+ * touched as slots are: 32 bytes a node slot (with colours 36), 12 a simplex slot, and bits. An
  * update is O(written pages × 64 + changes). */
 #include "parts.h"
 
@@ -24,10 +24,9 @@
 
 #include "assert.h"
 
-/* A sum's unit: this share of the square of the model's diagonal. A triangle with edges of 10^-6 of
- * the diagonal still has a direction to 10 bits, and 4,096 as large as the model fit. */
-static const double units_per_square = 0x1p50;
-static const double units_max = 0x1p52;
+/* A sum's unit, in radians: 8,192 of them fit, more than the corners of a pole with thousands of
+ * neighbours have. */
+static const double units_per_radian = 1 << 18;
 
 static inline bool bit_get(const uint64_t *bits, uint32_t i) {
     return bits[i / 64] >> (i % 64) & 1;
@@ -48,10 +47,9 @@ static void *zeroed(size_t count, size_t size) {
 }
 
 bool mni_surface_open(mni_surface *s, uint32_t node_slots_max, uint32_t simplex_slots_max,
-                      bool has_colors, double diagonal) {
+                      bool has_colors) {
     const size_t nodes = node_slots_max, simplices = simplex_slots_max;
     *s = (mni_surface){.node_slots_max = node_slots_max, .simplex_slots_max = simplex_slots_max};
-    s->scale = diagonal > 0 && isfinite(diagonal) ? units_per_square / (diagonal * diagonal) : 1;
     s->vertex = zeroed(nodes, sizeof *s->vertex);
     s->color = has_colors ? zeroed(nodes, sizeof *s->color) : NULL;
     s->normal = zeroed(nodes, sizeof *s->normal);
@@ -82,32 +80,56 @@ void mni_surface_close(mni_surface *s) {
 
 /* ---- normals --------------------------------------------------------------------------------- */
 
-static int64_t to_units(double x) {
-    return llrint(x < units_max ? (x > -units_max ? x : -units_max) : units_max); /* NaN: max */
+/* The angle whose cosine is x, to 7e-5 (Abramowitz and Stegun, 4.4.45): a weight need not be
+ * better, and it is a quarter of the work of acos. */
+static double angle(double x) {
+    const double c = fabs(x) < 1 ? fabs(x) : 1;
+    const double a = sqrt(1 - c) * (1.5707288 + c * (-0.2121144 + c * (0.0742610 - c * 0.0187293)));
+    return x < 0 ? 3.14159265 - a : a;
 }
 
-/* Adds (sign 1) or takes away (-1) the cross product of the mirror's triangle at its corners. */
-static void count(mni_surface *s, uint32_t simplex, int64_t sign) {
-    const uint32_t *v = s->index[simplex];
-    const float *a = s->vertex[v[0]], *b = s->vertex[v[1]], *c = s->vertex[v[2]];
-    double e[3], f[3];
-    for (int i = 0; i < 3; i++) {
-        e[i] = (double)b[i] - (double)a[i];
-        f[i] = (double)c[i] - (double)a[i];
+static double dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* What a triangle adds at its corners; all 0 where it has no area. */
+static void corner_normals(const float *const p[3], uint32_t out[3][3]) {
+    double e[3][3], n[3], length[3]; /* e[k] runs from corner k to the next one */
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 3; i++)
+            e[k][i] = (double)p[(k + 1) % 3][i] - (double)p[k][i];
+    for (int i = 0; i < 3; i++)
+        n[i] = e[0][(i + 1) % 3] * e[1][(i + 2) % 3] - e[0][(i + 2) % 3] * e[1][(i + 1) % 3];
+    const double twice_area = sqrt(dot(n, n));
+    if (!(twice_area > 0)) {
+        memset(out, 0, 9 * sizeof out[0][0]);
+        return;
     }
-    const int64_t n[3] = {sign * to_units(s->scale * (e[1] * f[2] - e[2] * f[1])),
-                          sign * to_units(s->scale * (e[2] * f[0] - e[0] * f[2])),
-                          sign * to_units(s->scale * (e[0] * f[1] - e[1] * f[0]))};
+    for (int k = 0; k < 3; k++)
+        length[k] = sqrt(dot(e[k], e[k]));
     for (int k = 0; k < 3; k++) {
-        for (int i = 0; i < 3; i++) /* round and round: only shading is at stake */
-            s->sum[v[k]][i] = (int64_t)((uint64_t)s->sum[v[k]][i] + (uint64_t)n[i]);
-        bit_set(s->normal_new, v[k]);
+        const int before = (k + 2) % 3;
+        const double weight = units_per_radian / twice_area *
+                              angle(-dot(e[k], e[before]) / (length[k] * length[before]));
+        for (int i = 0; i < 3; i++)
+            out[k][i] = (uint32_t)lrint(n[i] * weight);
     }
-    s->triangles += (uint32_t)sign;
 }
 
-uint32_t mni_surface_pack(const int64_t sum[3]) {
-    const double x = (double)sum[0], y = (double)sum[1], z = (double)sum[2];
+static void add(mni_surface *s, uint32_t slot, const uint32_t normal[3]) {
+    for (int i = 0; i < 3; i++) /* round and round: only shading is at stake */
+        s->sum[slot][i] += normal[i];
+    bit_set(s->normal_new, slot);
+}
+
+static void take_away(mni_surface *s, uint32_t slot, const uint32_t normal[3]) {
+    for (int i = 0; i < 3; i++)
+        s->sum[slot][i] -= normal[i];
+    bit_set(s->normal_new, slot);
+}
+
+uint32_t mni_surface_pack(const uint32_t sum[3]) {
+    const double x = (int32_t)sum[0], y = (int32_t)sum[1], z = (int32_t)sum[2];
     const double length = sqrt(x * x + y * y + z * z);
     if (!(length > 0))
         return 0;
@@ -151,7 +173,43 @@ static void wanted(const mn_front *front, uint32_t simplex, uint32_t v[3]) {
         memcpy(v, node, 3 * sizeof *v);
 }
 
-/* Takes away what old triangles have added, while the mirror still has their corners. */
+/* The triangle of a slot goes, and what it has added. Most often it comes back as it lies, with a
+ * corner at the child or the parent of the node that it was at: then it is in its new place at
+ * once. */
+static void let_go(mni_surface *s, const mn_front *front, uint32_t simplex, const uint32_t v[3]) {
+    uint32_t *had = s->index[simplex], normal[3][3];
+    const float *p[3];
+    bool stays = is_triangle(v);
+    for (int k = 0; k < 3; k++) {
+        p[k] = s->vertex[had[k]];
+        stays = stays && memcmp(p[k], front->position + 3 * (size_t)v[k], 3 * sizeof *p[k]) == 0;
+    }
+    corner_normals(p, normal);
+    for (int k = 0; k < 3; k++) {
+        if (stays && had[k] == v[k])
+            continue;
+        take_away(s, had[k], normal[k]);
+        if (stays)
+            add(s, v[k], normal[k]);
+        had[k] = stays ? v[k] : 0;
+    }
+    s->triangles -= !stays;
+}
+
+static void come(mni_surface *s, uint32_t simplex, const uint32_t v[3]) {
+    const float *const p[3] = {s->vertex[v[0]], s->vertex[v[1]], s->vertex[v[2]]};
+    uint32_t normal[3][3];
+    memcpy(s->index[simplex], v, sizeof s->index[simplex]);
+    if (!is_triangle(v))
+        return;
+    corner_normals(p, normal);
+    for (int k = 0; k < 3; k++)
+        add(s, v[k], normal[k]);
+    s->triangles++;
+}
+
+/* Lets go while the mirror still has the old corners. What is then not as it is wanted has to come,
+ * when it has the new ones. */
 static void find_triangles(mni_surface *s, const mn_front *front) {
     for (uint32_t i = 0; i < s->simplex_high; i++) {
         if (i % MN_FRONT_PAGE == 0 && i + MN_FRONT_PAGE <= front->simplex_slots &&
@@ -167,7 +225,7 @@ static void find_triangles(mni_surface *s, const mn_front *front) {
             continue;
         bit_set(s->index_new, i);
         if (is_triangle(s->index[i]))
-            count(s, i, -1);
+            let_go(s, front, i, v);
     }
 }
 
@@ -209,9 +267,10 @@ void mni_surface_update(mni_surface *s, const mn_front *front) {
             take_vertex(s, front, at);
     for (at = 0; mni_surface_run(s->index_new, s->simplex_high, 0, &at, &end);)
         for (; at < end; at++) {
-            wanted(front, at, s->index[at]);
-            if (is_triangle(s->index[at]))
-                count(s, at, 1);
+            uint32_t v[3];
+            wanted(front, at, v);
+            if (memcmp(v, s->index[at], sizeof v) != 0)
+                come(s, at, v);
         }
     for (at = 0; mni_surface_run(s->normal_new, s->node_high, 0, &at, &end);)
         for (; at < end; at++)

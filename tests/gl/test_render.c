@@ -154,6 +154,84 @@ START_TEST(misoriented_neighbours_are_not_black) {
 }
 END_TEST
 
+/* A sheet folded at a right angle, towards the eye, with triangles twice as large on one side of
+ * the fold as on the other: both faces are plain up to the fold, and not the same. */
+START_TEST(sharp_edges_stay_sharp) {
+    enum { N = 8 };
+    fake f = fake_sheet(N, W, H);
+    for (uint32_t i = 0; i < f.front.node_slots; i++) {
+        float *p = f.position + 3 * i;
+        const uint32_t x = i % (N + 1);
+        p[0] = x == 0 ? -1 : 0;
+        p[2] = x < 2 ? 0 : -0.5f - 0.5f * (float)(x - 2) / (N - 2);
+    }
+    open_for(&f);
+    const mn_camera camera = from(2, 0, 2);
+    draw(&camera, &smooth, "fold");
+    int darkest[2] = {255, 255}, brightest[2] = {0, 0};
+    for (int side = 0; side < 2; side++)
+        for (int x = 3; x < 50; x++) {
+            const uint8_t *p = at(W / 2 + (side == 1 ? x : -x), H / 2 + 5);
+            ck_assert_int_eq(p[3], 255);
+            darkest[side] = brightness(p) < darkest[side] ? brightness(p) : darkest[side];
+            brightest[side] = brightness(p) > brightest[side] ? brightness(p) : brightest[side];
+        }
+    ck_assert_int_le(brightest[0] - darkest[0], 6);
+    ck_assert_int_le(brightest[1] - darkest[1], 6);
+    ck_assert_int_gt(darkest[0], brightest[1] + 30);
+    load.api->close(gl);
+    fake_free(&f);
+}
+END_TEST
+
+/* Pixels inside the disc that stand out from the middle of their eight neighbours. */
+static int specks(double radius_px) {
+    int count = 0;
+    for (int y = 1; y < H - 1; y++)
+        for (int x = 1; x < W - 1; x++) {
+            int sorted[8], n = 0;
+            if (hypot(x + 0.5 - W / 2.0, y + 0.5 - H / 2.0) > radius_px - 4)
+                continue;
+            for (int k = 0; k < 9; k++) {
+                const int b = brightness(at(x + k % 3 - 1, y + k / 3 - 1));
+                int i = k == 4 ? 0 : n++;
+                for (; k != 4 && i > 0 && sorted[i - 1] > b; i--)
+                    sorted[i] = sorted[i - 1];
+                if (k != 4)
+                    sorted[i] = b;
+            }
+            count += abs(brightness(at(x, y)) - (sorted[3] + sorted[4]) / 2) > 16;
+        }
+    return count;
+}
+
+/* A sphere of triangles as small as pixels, rough enough that many stand askew and some are folded
+ * over, has hardly a speck, where flat shading is full of them. */
+START_TEST(small_triangles_do_not_speckle) {
+    enum { N = 160 };
+    fake f = fake_sphere(N, W, H);
+    const double d = 3.5, radius_px = H / 2.0 / tan(M_PI / 8) / sqrt(d * d - 1);
+    srand(7);
+    for (uint32_t y = 1; y < N; y++)
+        for (uint32_t x = 0; x < N; x++) {
+            const float r = 1 + 0.02f * ((float)rand() / (float)RAND_MAX - 0.5f);
+            for (uint32_t end = 0; end < (x == 0 ? 2 : 1); end++) /* both sides of the seam */
+                for (int i = 0; i < 3; i++)
+                    f.position[3 * (y * (N + 1) + x + end * N) + (uint32_t)i] *= r;
+        }
+    open_for(&f);
+    const mn_camera camera = from(0.4f, 0, 3.48f);
+    draw(&camera, &smooth, "rough");
+    const int few = specks(radius_px);
+    draw(&camera, &(mn_gl_look){.flat = true}, "rough-flat");
+    const int many = specks(radius_px);
+    ck_assert_int_gt(many, 500);
+    ck_assert_int_lt(few, many / 16);
+    load.api->close(gl);
+    fake_free(&f);
+}
+END_TEST
+
 START_TEST(lod_colors_tell_fine_from_coarse) {
     fake f = fake_sheet(8, W, H);
     for (uint32_t i = 0; i < f.front.node_slots; i++)
@@ -316,6 +394,8 @@ int main(void) {
     tcase_add_test(tc, both_sides_of_a_sheet_are_lit);
     tcase_add_test(tc, vertex_colors_are_used);
     tcase_add_test(tc, misoriented_neighbours_are_not_black);
+    tcase_add_test(tc, sharp_edges_stay_sharp);
+    tcase_add_test(tc, small_triangles_do_not_speckle);
     tcase_add_test(tc, lod_colors_tell_fine_from_coarse);
     tcase_add_test(tc, wires_show);
     tcase_add_test(tc, close_up_has_no_holes_and_no_fighting);

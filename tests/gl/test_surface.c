@@ -17,8 +17,7 @@ static int field(uint32_t packed, int shift) {
 
 /* The mirror of a front, sent. */
 static void mirror(mni_surface *s, const mn_front *front) {
-    ck_assert(mni_surface_open(s, front->node_slots, front->simplex_slots, front->color != NULL,
-                               2 * sqrt(3)));
+    ck_assert(mni_surface_open(s, front->node_slots, front->simplex_slots, front->color != NULL));
     mni_surface_update(s, front);
     mni_surface_sent(s);
 }
@@ -50,25 +49,55 @@ START_TEST(empty_slots_and_hinges_are_no_triangles) {
 }
 END_TEST
 
-START_TEST(normals_are_weighted_by_area) {
-    /* A small triangle in z = 0 and one of four times its area in x = 0, sharing the origin. */
-    const float position[15] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 2, 0, 0, 0, 2};
-    const float switch_value[5] = {0};
-    const uint32_t node[6] = {0, 1, 2, 0, 3, 4};
-    const mn_front front = {.node_slots = 5,
+START_TEST(normals_are_weighted_by_angle) {
+    /* At the origin a right angle in z = 0, and one in x = 0, four times as large and cut in two:
+     * their areas do not matter, nor how many they are. */
+    const float position[18] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 2, 0, 0, 2, 2, 0, 0, 2};
+    const float switch_value[6] = {0};
+    const uint32_t node[9] = {0, 1, 2, 0, 3, 4, 0, 4, 5};
+    const mn_front front = {.node_slots = 6,
                             .position = position,
                             .switch_value = switch_value,
-                            .simplex_slots = 2,
+                            .simplex_slots = 3,
                             .simplex_node = node,
-                            .triangles = 2};
-    const int64_t sum[3] = {4000, 0, 1000}, x[3] = {1, 0, 0}, z[3] = {0, 0, 1};
+                            .triangles = 3};
+    const uint32_t both[3] = {7, 0, 7}, x[3] = {1, 0, 0}, z[3] = {0, 0, 1};
     mni_surface s;
     mirror(&s, &front);
-    ck_assert_uint_eq(s.triangles, 2);
-    ck_assert_uint_eq(s.normal[0], mni_surface_pack(sum));
+    ck_assert_uint_eq(s.triangles, 3);
+    ck_assert_uint_eq(s.normal[0], mni_surface_pack(both));
     ck_assert_uint_eq(s.normal[1], mni_surface_pack(z));
     ck_assert_uint_eq(s.normal[4], mni_surface_pack(x));
+    const int halves = abs((int)s.sum[4][0] - (int)s.sum[0][0]); /* 45 + 45 degrees, 90 */
+    ck_assert_int_lt(halves, 40);
+    ck_assert_uint_gt(s.sum[0][0], 400000);
     mni_surface_close(&s);
+}
+END_TEST
+
+/* Slivers, needles without area, and models of any size: no direction is invented. */
+START_TEST(normals_of_any_size) {
+    static const float sizes[] = {1e-18f, 1e-6f, 1, 1e6f, 1e18f};
+    for (int i = 0; i < 5; i++) {
+        const float a = sizes[i];
+        const float position[15] = {0, 0, 0, a, 0, 0, a, a, 0, 2 * a, 0, 0, 0, 0, 0};
+        const float switch_value[5] = {0};
+        const uint32_t node[9] = {0, 2, 1, 0, 1, 3, 0, 4, 1}; /* the 2nd and 3rd have no area */
+        const mn_front front = {.node_slots = 5,
+                                .position = position,
+                                .switch_value = switch_value,
+                                .simplex_slots = 3,
+                                .simplex_node = node,
+                                .triangles = 3};
+        const uint32_t down[3] = {0, 0, UINT32_MAX};
+        mni_surface s;
+        mirror(&s, &front);
+        for (int k = 0; k < 3; k++)
+            ck_assert_uint_eq(s.normal[k], mni_surface_pack(down));
+        ck_assert_uint_eq(s.normal[3], 0);
+        ck_assert_uint_eq(s.normal[4], 0);
+        mni_surface_close(&s);
+    }
 }
 END_TEST
 
@@ -157,7 +186,7 @@ START_TEST(the_way_leaves_no_trace) {
     fake f = fake_sphere(N, 1, 1);
     mni_surface s, fresh;
     ck_assert_uint_eq(f.front.simplex_slots, SLOTS);
-    ck_assert(mni_surface_open(&s, NODES, SLOTS, false, 2 * sqrt(3)));
+    ck_assert(mni_surface_open(&s, NODES, SLOTS, false));
     for (int round = 0; round < 300; round++) {
         for (int i = rand() % 20; i > 0; i--) {
             uint32_t *v = f.node + 3 * (rand() % SLOTS), slot = (uint32_t)rand() % NODES;
@@ -231,15 +260,15 @@ START_TEST(runs) {
 END_TEST
 
 START_TEST(packs_any_length) {
-    static const int64_t lengths[] = {1, 1000, INT64_C(1) << 40, INT64_MAX};
+    static const uint32_t lengths[] = {1, 1000, 1u << 30, INT32_MAX};
     for (int i = 0; i < 4; i++) {
-        const int64_t n[3] = {-lengths[i], 0, 0};
+        const uint32_t n[3] = {0u - lengths[i], 0, 0};
         const uint32_t packed = mni_surface_pack(n);
         ck_assert_int_eq(field(packed, 0), -511);
         ck_assert_int_eq(field(packed, 10), 0);
         ck_assert_int_eq(field(packed, 20), 0);
     }
-    const int64_t zero[3] = {0, 0, 0}, slanted[3] = {3, -4, 12};
+    const uint32_t zero[3] = {0, 0, 0}, slanted[3] = {3, 0u - 4, 12};
     ck_assert_uint_eq(mni_surface_pack(zero), 0);
     ck_assert_int_eq(field(mni_surface_pack(slanted), 0), 118);
     ck_assert_int_eq(field(mni_surface_pack(slanted), 10), -157);
@@ -296,7 +325,8 @@ int main(void) {
     Suite *suite = suite_create("surface");
     TCase *tc = tcase_create("surface");
     tcase_add_test(tc, empty_slots_and_hinges_are_no_triangles);
-    tcase_add_test(tc, normals_are_weighted_by_area);
+    tcase_add_test(tc, normals_are_weighted_by_angle);
+    tcase_add_test(tc, normals_of_any_size);
     tcase_add_test(tc, nothing_active);
     tcase_add_test(tc, only_what_changed_is_new);
     tcase_add_test(tc, stamps_are_believed);
