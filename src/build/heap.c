@@ -46,34 +46,34 @@ static void up(mni_heap *h, uint32_t i, mni_heap_item item) {
     put(h, i, item);
 }
 
-static inline const mni_heap_item *lesser(const mni_heap_item *a, const mni_heap_item *b) {
-    return less(b, a) ? b : a;
+/* Which of four items in a row is the least. */
+static inline uint32_t least_of_four(const mni_heap_item *item) {
+    uint32_t a = less(&item[1], &item[0]), b = 2u + less(&item[3], &item[2]);
+    return a ^ ((a ^ b) & (0u - less(&item[b], &item[a])));
 }
 
 uint32_t mni_heap_second(const mni_heap *h) {
-    const mni_heap_item *child = &h->item[1];
-    return (uint32_t)(lesser(lesser(child, child + 1), lesser(child + 2, child + 3)) - h->item);
+    return 1 + least_of_four(&h->item[1]);
 }
 
 static void down(mni_heap *h, uint32_t i, mni_heap_item item) {
     for (;;) {
         uint64_t first = (uint64_t)i * ARITY + 1;
-        const mni_heap_item *child = &h->item[first], *best = child;
+        if (first >= h->count)
+            break;
         if ((first + ARITY) * ARITY < h->count) /* one of the children's children's lines is next */
             for (uint64_t c = 0; c < ARITY; c++)
                 __builtin_prefetch(&h->item[(first + c) * ARITY + 1]);
+        uint32_t best = (uint32_t)first;
         if (first + ARITY <= h->count)
-            best = lesser(lesser(child, child + 1), lesser(child + 2, child + 3));
-        else if (first < h->count)
-            for (uint64_t c = 1; first + c < h->count; c++)
-                best = lesser(best, child + c);
+            best += least_of_four(&h->item[first]);
         else
+            for (uint32_t c = best + 1; c < h->count; c++)
+                best = less(&h->item[c], &h->item[best]) ? c : best;
+        if (!less(&h->item[best], &item))
             break;
-        if (!less(best, &item))
-            break;
-        uint32_t at = (uint32_t)(best - h->item);
-        put(h, i, *best);
-        i = at;
+        put(h, i, h->item[best]);
+        i = best;
     }
     put(h, i, item);
 }
