@@ -212,6 +212,8 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     mni_judge *j = &s->judge;
     mni_vertex *vertex = s->surface.vertex;
     bool checked = order_is_checked(s, r, k);
+    mni_witness_fetch_more(&s->witness, &s->surface, r);
+    mni_witness_fetch_more(&s->witness, &s->surface, k);
     if (checked)
         check_order(s, r, mni_heap_key_of(&s->heap, r));
     if (checked || s->stage == 3) /* otherwise the ring is still that of the legality test */
@@ -325,7 +327,7 @@ uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
     uint64_t a_vertex = sizeof(mni_vertex) + 8 /* seen */ + sizeof(mni_heap_item) + 4 /* heap */ +
                         12 /* collapses */ + 4 /* own */ + sizeof(mni_witnesses) / 2;
     uint64_t a_triangle = sizeof(mni_simplex) + 12 /* origin */ + 24 /* pool */ +
-                          24 /* pool, packed */ + 12 /* normal */ + 4 /* own */;
+                          24 /* pool, packed */ + 12 /* normal */ + 8 /* own */;
     uint64_t a_hinge = (sizeof(mni_simplex) + 12) * 5 / 4 + 8 /* pool */ + 12 /* tree */ + 9;
     uint64_t tree = vertices * (12 + 4 + 4 * 5 + 8 + 6 + 4 + 4 + 12) + triangles * 12;
     return mesh + vertices * a_vertex + triangles * a_triangle +

@@ -43,7 +43,8 @@ static bool own_triangles(mni_witness_book *book) {
     for (uint32_t v = 0; v < mesh->vertices; v++)
         book->own_start[v + 1] += book->own_start[v];
     for (uint32_t t = mesh->triangles; t-- > 0;)
-        book->own[--book->own_start[mesh->corner[3 * (size_t)t]]] = t;
+        memcpy(book->own[--book->own_start[mesh->corner[3 * (size_t)t]]],
+               &mesh->corner[3 * (size_t)t + 1], sizeof *book->own);
     return true;
 }
 
@@ -89,11 +90,11 @@ static void gather_leaf(mni_witness_book *book, const mni_vertex *vertex, uint32
     if (end - start > LEAF_TRIANGLES_MAX)
         end = start + LEAF_TRIANGLES_MAX;
     for (uint32_t i = start; i < end; i++) {
-        const uint32_t *c = &book->mesh->corner[3 * (size_t)book->own[i]];
-        const float *p = vertex[c[0]].p, *q = vertex[c[1]].p, *o = vertex[c[2]].p;
+        const float *p = vertex[v].p, *a = vertex[book->own[i][0]].p,
+                    *b = vertex[book->own[i][1]].p;
         float centre[3];
         for (int x = 0; x < 3; x++)
-            centre[x] = (p[x] + q[x] + o[x]) / 3;
+            centre[x] = (p[x] + a[x] + b[x]) / 3;
         add_leaf_point(book->bench, k, centre);
     }
 }

@@ -14,7 +14,7 @@
  * witness.c were measured (`metanode bench error`) so that 99.9 % of the surface is within the
  * bound.
  *
- * A node's value is final when it becomes a child. One thread. Memory: 4 bytes a vertex, 4 a
+ * A node's value is final when it becomes a child. One thread. Memory: 4 bytes a vertex, 8 a
  * triangle, and at most half the vertices × sizeof(mni_witnesses). */
 #ifndef MNI_WITNESS_H
 #define MNI_WITNESS_H
@@ -33,8 +33,8 @@ typedef struct mni_witness_book {
     const mn_mesh *mesh;
     mni_witnesses *sets;
     uint32_t sets_count;
-    uint32_t *own_start; /* a vertex: in own[], the input triangles that it answers for */
-    uint32_t *own;
+    uint32_t *own_start;     /* a vertex: in own[], the input triangles that it answers for, */
+    uint32_t (*own)[2];      /* which are those that begin with it: the other two corners */
     struct mni_bench *bench; /* scratch */
     bool no_memory;
 } mni_witness_book;
@@ -45,7 +45,8 @@ void mni_witness_close(mni_witness_book *book);
  * node's switch value and raises those of the nodes around it. */
 void mni_witness_collapse(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,
                           uint32_t ring_count, uint32_t r, uint32_t k);
-/* Nothing but haste: v's witnesses will be asked for soon. */
+/* Nothing but haste: v's witnesses will be asked for soon. For leaves it wants to be called once
+ * more, when that has arrived. */
 static inline void mni_witness_fetch(const mni_witness_book *book, const mni_surface *surface,
                                      uint32_t v) {
     uint32_t set = surface->vertex[v].set;
@@ -55,6 +56,11 @@ static inline void mni_witness_fetch(const mni_witness_book *book, const mni_sur
         __builtin_prefetch(&book->sets[set]);
         __builtin_prefetch(&book->sets[set].z);
     }
+}
+static inline void mni_witness_fetch_more(const mni_witness_book *book, const mni_surface *surface,
+                                          uint32_t v) {
+    if (surface->vertex[v].set == MN_NONE)
+        __builtin_prefetch(&book->own[book->own_start[v]]);
 }
 
 #endif
