@@ -3,10 +3,11 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "assert.h"
 
-enum { LINE_BYTES = 64 };
+enum { LINE_BYTES = 64, HUGE_BYTES = 2 << 20 };
 _Static_assert(sizeof(mni_vertex) == 2 * LINE_BYTES && offsetof(mni_vertex, xy) == LINE_BYTES,
                "a vertex is two lines");
 
@@ -16,6 +17,19 @@ static mn_code no_memory(mn_status *st) {
     return mn_fail(st, MN_FAILED,
                    "out of memory while simplifying; close something or lower --ram "
                    "to be refused early");
+}
+
+/* Whole lines. Collapses go all over the mesh, and with small pages each access is a walk through
+ * page tables too: so a large array asks for huge pages inside it, all of which it will use. */
+static void *take_lines(size_t bytes) {
+    size_t rounded = (bytes + LINE_BYTES - 1) / LINE_BYTES * LINE_BYTES;
+    char *p = aligned_alloc(LINE_BYTES, rounded);
+    if (p == NULL)
+        return NULL;
+    char *from = p + (HUGE_BYTES - (uintptr_t)p % HUGE_BYTES) % HUGE_BYTES;
+    if (from + HUGE_BYTES <= p + rounded)
+        madvise(from, (size_t)(p + rounded - from) / HUGE_BYTES * HUGE_BYTES, MADV_HUGEPAGE);
+    return p;
 }
 
 static void fill_fans(mni_surface *s) {
@@ -49,9 +63,9 @@ mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
     if (s->pool_room > UINT32_MAX)
         return mn_fail(st, MN_CAP_TOO_SMALL, "%u triangles are too many to simplify in memory",
                        mesh->triangles);
-    s->simplex = malloc(s->simplices_room * sizeof *s->simplex);
+    s->simplex = take_lines(s->simplices_room * sizeof *s->simplex);
     s->origin = malloc((size_t)s->simplices_room * 3 * sizeof *s->origin);
-    s->vertex = aligned_alloc(LINE_BYTES, s->vertices * sizeof *s->vertex);
+    s->vertex = take_lines(s->vertices * sizeof *s->vertex);
     s->pool = malloc(s->pool_room * sizeof *s->pool);
     if (s->simplex == NULL || s->origin == NULL || s->vertex == NULL || s->pool == NULL) {
         mni_surface_close(s);
