@@ -241,20 +241,38 @@ static bool add_hinge(mni_surface *s, uint32_t k, uint32_t w, uint32_t of) {
     return true;
 }
 
-/* Where nothing alive joins k to the apex of a triangle that died, a hinge does from now on. */
-static bool hinge_apexes(mni_surface *s, uint32_t r, uint32_t k, uint32_t dead) {
+static uint32_t apex_of(const mni_simplex *x, uint32_t r, uint32_t k) {
+    const uint32_t *v = x->v;
+    return v[0] != r && v[0] != k ? v[0] : v[1] != r && v[1] != k ? v[1] : v[2];
+}
+
+/* Of the triangles that died with w as their apex, the first in the input. They are on w's list
+ * still, as long as nobody walks it. */
+static uint32_t first_dead(const mni_surface *s, uint32_t w, uint32_t collapse) {
+    const mni_fan *f = &s->vertex[w].fan;
+    uint32_t first = MN_NONE;
+    for (uint32_t i = 0; i < f->count; i++) {
+        uint32_t x = s->pool[f->first + i];
+        if (s->simplex[x].killed == collapse && x < first)
+            first = x;
+    }
+    MN_ASSERT(first < s->triangles);
+    return first;
+}
+
+/* Where nothing alive joins k to the apex of a triangle that died, a hinge does from now on. Its
+ * vertices are lent by the first such triangle; these are found before a hinge is made, since that
+ * may walk lists. */
+static bool hinge_apexes(mni_surface *s, uint32_t r, uint32_t k, uint32_t dead, uint32_t collapse) {
+    uint32_t apart = 0;
     for (uint32_t i = 0; i < dead; i++) {
-        uint32_t first = s->dead[i], w = MN_NONE;
-        for (int c = 0; c < 3; c++)
-            if (s->simplex[first].v[c] != r && s->simplex[first].v[c] != k)
-                w = s->simplex[first].v[c];
-        if (mni_surface_joined(s, k, w))
-            continue;
-        /* Of several triangles with this apex, the first in the input lends its vertices. */
-        for (uint32_t j = 0; j < dead; j++)
-            if (s->dead[j] < first && holds(&s->simplex[s->dead[j]], w))
-                first = s->dead[j];
-        if (!add_hinge(s, k, w, first))
+        uint32_t w = apex_of(&s->simplex[s->dead[i]], r, k);
+        if (!mni_surface_joined(s, k, w))
+            s->dead[apart++] = first_dead(s, w, collapse);
+    }
+    for (uint32_t i = 0; i < apart; i++) {
+        uint32_t w = apex_of(&s->simplex[s->dead[i]], r, k);
+        if (!mni_surface_joined(s, k, w) && !add_hinge(s, k, w, s->dead[i]))
             return false;
     }
     return true;
@@ -295,7 +313,7 @@ bool mni_surface_collapse(mni_surface *s, uint32_t r, uint32_t k, uint32_t colla
         }
     }
     s->vertex[r].fan.count = 0;
-    return hinge_apexes(s, r, k, dead);
+    return hinge_apexes(s, r, k, dead, collapse);
 }
 
 bool mni_surface_collapse_round(mni_surface *s, const mni_wheel *wheel, uint32_t r, uint32_t k,
