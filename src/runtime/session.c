@@ -17,7 +17,7 @@
 #include "assert.h"
 #include "metanode/runtime.h"
 #include "navigate.h"
-#include "plan.h"
+#include "ram_plan.h"
 
 enum {
     WIDTH_PX = 1280,
@@ -81,8 +81,8 @@ static double model_size(const mn_header *header) {
 }
 
 static mn_code parts_open(mn_session *s, mn_status *st) {
-    mn_code code =
-        mni_arena_open(&s->arena, mni_plan_arena_bytes(&s->plan, &s->header, s->desc.store), st);
+    mn_code code = mni_arena_open(
+        &s->arena, mni_ram_plan_arena_bytes(&s->plan, &s->header, s->desc.store), st);
     if (code != MN_OK)
         return code;
     (void)madvise(s->arena.base, s->arena.size_bytes, MADV_NOHUGEPAGE); /* advice: may fail */
@@ -110,10 +110,10 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
     s->desc.height_px = desc->height_px > 0 ? desc->height_px : HEIGHT_PX;
     s->hash_version = UINT64_MAX;
     mn_session_set_tolerance(s, desc->tolerance_px != 0 ? desc->tolerance_px : 1);
-    mni_plan_desc plan = {desc->ram_bytes, desc->base_bytes, desc->k, desc->front_max};
+    mni_ram_plan_desc plan = {desc->ram_bytes, desc->base_bytes, desc->k, desc->front_max};
     mn_code code = mn_header_read(desc->path, &s->header, st);
     if (code == MN_OK)
-        code = mni_plan_make(&plan, &s->header, &s->plan, st);
+        code = mni_ram_plan_make(&plan, &s->header, &s->plan, st);
     s->limits = (mni_block_limits){.leaves = s->header.leaves,
                                    .nodes = s->header.nodes,
                                    .file_bytes = s->header.file_bytes,

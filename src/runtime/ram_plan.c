@@ -10,7 +10,7 @@
  * `resident` are planned as `paged` is, so that one cap means one front in all three.
  *
  * Any thread, no memory, no order of calls. Paper: §4 fixes K by hand; this is design.md §4. */
-#include "plan.h"
+#include "ram_plan.h"
 
 #include <inttypes.h>
 
@@ -114,7 +114,7 @@ static void fill(mn_plan *plan, const mn_header *header) {
 }
 
 /* No cap: K by its rule, a large front. With -K min the smallest session, whose sum is the cap. */
-static void plan_free(const mni_plan_desc *desc, const mn_header *header, uint32_t k_least,
+static void plan_free(const mni_ram_plan_desc *desc, const mn_header *header, uint32_t k_least,
                       uint32_t k_most, uint32_t front_least, uint32_t front_most, mn_plan *plan) {
     plan->k = k_least;
     plan->front_max = front_most;
@@ -124,7 +124,7 @@ static void plan_free(const mni_plan_desc *desc, const mn_header *header, uint32
         plan->front_max = front_least;
 }
 
-static void plan_capped(const mni_plan_desc *desc, const mn_header *header, uint32_t k_least,
+static void plan_capped(const mni_ram_plan_desc *desc, const mn_header *header, uint32_t k_least,
                         uint32_t k_most, uint32_t front_least, uint32_t front_most, mn_plan *plan) {
     uint64_t room = desc->ram_bytes - plan->base_bytes;
     plan->k = k_least;
@@ -138,8 +138,8 @@ static void plan_capped(const mni_plan_desc *desc, const mn_header *header, uint
                               room - paged_bytes(header, plan->k));
 }
 
-mn_code mni_plan_make(const mni_plan_desc *desc, const mn_header *header, mn_plan *out,
-                      mn_status *st) {
+mn_code mni_ram_plan_make(const mni_ram_plan_desc *desc, const mn_header *header, mn_plan *out,
+                          mn_status *st) {
     mn_plan plan = {.ram_cap_bytes = desc->ram_bytes,
                     .base_bytes = BASE_BYTES + desc->base_bytes,
                     .k_min = mni_store_k_min(header)};
@@ -176,7 +176,7 @@ mn_code mni_plan_make(const mni_plan_desc *desc, const mn_header *header, mn_pla
     return MN_OK;
 }
 
-size_t mni_plan_arena_bytes(const mn_plan *plan, const mn_header *header, mn_store_kind store) {
+size_t mni_ram_plan_arena_bytes(const mn_plan *plan, const mn_header *header, mn_store_kind store) {
     return store_bytes(header, store, plan->k) +
            mni_navigator_need_bytes(header, plan->front_max, plan->simplices_max);
 }

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "navigate.h"
-#include "plan.h"
+#include "ram_plan.h"
 
 static mn_header header_of(uint32_t leaves, uint32_t block_bytes) {
     uint64_t bytes = (uint64_t)leaves * 40;
@@ -33,7 +33,8 @@ static void check_plan(const mn_plan *p, const mn_header *h, uint64_t ram_bytes)
     ck_assert(p->front_max >= h->roots && p->front_max <= h->leaves);
     ck_assert(p->simplices_max <= h->triangles + h->hinges);
     ck_assert(p->front_max < h->leaves || p->simplices_max == h->triangles + h->hinges);
-    ck_assert_uint_le(mni_plan_arena_bytes(p, h, MN_STORE_PAGED) + p->base_bytes, p->planned_bytes);
+    ck_assert_uint_le(mni_ram_plan_arena_bytes(p, h, MN_STORE_PAGED) + p->base_bytes,
+                      p->planned_bytes);
 }
 
 START_TEST(under_every_cap) {
@@ -44,10 +45,10 @@ START_TEST(under_every_cap) {
         for (int b = 0; b < 3; b++) {
             mn_header h = header_of(leaves[i], blocks[b]);
             for (uint64_t ram = 1 << 20; ram <= UINT64_C(1) << 36; ram += ram / 3) {
-                mni_plan_desc desc = {.ram_bytes = ram, .k = (int64_t)(ram % 3) - 1};
+                mni_ram_plan_desc desc = {.ram_bytes = ram, .k = (int64_t)(ram % 3) - 1};
                 desc.k = desc.k == 1 ? 100 : desc.k;
                 mn_plan plan;
-                mn_code code = mni_plan_make(&desc, &h, &plan, NULL);
+                mn_code code = mni_ram_plan_make(&desc, &h, &plan, NULL);
                 ck_assert(code == MN_OK || code == MN_CAP_TOO_SMALL);
                 refused += code != MN_OK;
                 made += code == MN_OK;
@@ -65,40 +66,40 @@ START_TEST(named_cap_works) {
     static const int64_t rules[] = {MN_K_FROM_RAM, MN_K_MIN, 50, 3000};
     mn_header h = header_of(500000, 16384);
     for (int i = 0; i < 4; i++) {
-        mni_plan_desc desc = {.ram_bytes = 1 << 20, .k = rules[i]};
+        mni_ram_plan_desc desc = {.ram_bytes = 1 << 20, .k = rules[i]};
         mn_plan plan;
         mn_status st = {0};
         uint64_t named = 0;
-        ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, &st), MN_CAP_TOO_SMALL);
+        ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, &st), MN_CAP_TOO_SMALL);
         const char *at = strrchr(st.text, '-');
         ck_assert(at != NULL && sscanf(at, "-ram %" SCNu64 "K", &named) == 1);
         desc.ram_bytes = named * 1024;
-        ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, NULL), MN_OK);
+        ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, NULL), MN_OK);
         check_plan(&plan, &h, desc.ram_bytes);
         ck_assert_uint_eq(plan.ram_min_bytes, desc.ram_bytes);
         ck_assert(rules[i] <= 0 || plan.k == rules[i]);
         desc.ram_bytes -= 1024;
-        ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, NULL), MN_CAP_TOO_SMALL);
+        ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, NULL), MN_CAP_TOO_SMALL);
     }
 }
 END_TEST
 
 START_TEST(sharing) {
     mn_header h = header_of(5000000, 16384);
-    mni_plan_desc desc = {.ram_bytes = 16 << 20};
+    mni_ram_plan_desc desc = {.ram_bytes = 16 << 20};
     mn_plan plan, smaller;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, NULL), MN_OK);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, NULL), MN_OK);
     ck_assert_uint_gt(plan.front_max, 10000); /* of 16 MB, what a picture needs */
     ck_assert_uint_gt(plan.k, 300);
     ck_assert_uint_gt(plan.planned_bytes, (16 << 20) - 2 * 16384); /* nothing lies idle */
     desc.k = MN_K_MIN;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &smaller, NULL), MN_OK);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &smaller, NULL), MN_OK);
     ck_assert_uint_eq(smaller.k, smaller.k_min);
     ck_assert_uint_gt(smaller.front_max, plan.front_max);
     /* a small file: no more holders than blocks, and room for all of the front */
     h = header_of(1000, 16384);
     desc.k = MN_K_FROM_RAM;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, NULL), MN_OK);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, NULL), MN_OK);
     ck_assert_uint_le(plan.k, h.blocks + 16);
     ck_assert_uint_eq(plan.front_max, 1000);
 }
@@ -106,31 +107,31 @@ END_TEST
 
 START_TEST(without_a_cap) {
     mn_header h = header_of(500000, 16384);
-    mni_plan_desc desc = {.k = MN_K_MIN};
+    mni_ram_plan_desc desc = {.k = MN_K_MIN};
     mn_plan plan;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, NULL), MN_OK);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, NULL), MN_OK);
     check_plan(&plan, &h, 0);
     ck_assert_uint_eq(plan.k, plan.k_min);
     ck_assert_uint_le(plan.planned_bytes, plan.ram_min_bytes); /* the smallest session there is */
     desc.k = MN_K_FROM_RAM;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, NULL), MN_OK);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, NULL), MN_OK);
     ck_assert_uint_eq(plan.front_max, 500000);
     desc.front_max = 777;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, NULL), MN_OK);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, NULL), MN_OK);
     ck_assert_uint_eq(plan.front_max, 777);
     desc.k = 1;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &plan, NULL), MN_USAGE);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &plan, NULL), MN_USAGE);
 }
 END_TEST
 
 /* What the caller takes besides is the session's to do without. */
 START_TEST(base) {
     mn_header h = header_of(5000000, 16384);
-    mni_plan_desc desc = {.ram_bytes = 32 << 20};
+    mni_ram_plan_desc desc = {.ram_bytes = 32 << 20};
     mn_plan alone, beside;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &alone, NULL), MN_OK);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &alone, NULL), MN_OK);
     desc.base_bytes = 8 << 20;
-    ck_assert_int_eq(mni_plan_make(&desc, &h, &beside, NULL), MN_OK);
+    ck_assert_int_eq(mni_ram_plan_make(&desc, &h, &beside, NULL), MN_OK);
     ck_assert_uint_eq(beside.base_bytes, alone.base_bytes + (8 << 20));
     ck_assert_uint_lt(beside.k, alone.k);
     check_plan(&beside, &h, desc.ram_bytes);
