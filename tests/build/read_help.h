@@ -6,6 +6,7 @@
 #include <stddef.h>
 
 #include "metanode/build.h"
+#include "suite.h"
 
 /* Reads bytes as a mesh file. desc NULL: defaults. */
 mn_code read_bytes(const void *bytes, size_t size, const mn_read_desc *desc, mn_mesh *out,
@@ -20,7 +21,5 @@ bool has_triangle(const mn_mesh *mesh, uint32_t t, const double place[3][3]);
 const char *real_mesh(const char *name);
 /* Everything that a mesh must be, whatever it was read from. */
 void check_mesh(const mn_mesh *mesh);
-
-int run_suite(Suite *suite);
 
 #endif

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "header.h"
+#include "suite.h"
 #include "tree.h"
 #include "tree_fixture.h"
 
@@ -263,9 +264,5 @@ int main(void) {
     tcase_add_test(t, the_same_tree_gives_the_same_bytes);
     tcase_add_test(t, a_chain_is_cut_by_its_depth);
     suite_add_tcase(s, t);
-    SRunner *r = srunner_create(s);
-    srunner_run_all(r, CK_NORMAL);
-    int failed = srunner_ntests_failed(r);
-    srunner_free(r);
-    return failed != 0;
+    return suite_run(s);
 }

@@ -11,6 +11,7 @@
 #include "metanode/build.h"
 #include "noise.h"
 #include "sampler.h"
+#include "suite.h"
 
 static uint64_t seed = 1;
 
@@ -283,9 +284,5 @@ int main(void) {
     tcase_add_test(tc, nothing_to_compare_is_refused);
     tcase_add_test(tc, watched_and_stopped);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_NORMAL);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed != 0;
+    return suite_run(suite);
 }

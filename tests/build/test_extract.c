@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "suite.h"
 #include "tree.h"
 #include "tree_fixture.h"
 
@@ -211,9 +212,5 @@ int main(void) {
     tcase_add_loop_test(t, prefix_fronts_have_the_most_triangles_allowed, 0, 3);
     tcase_add_test(t, full_detail_and_nothing_at_all);
     suite_add_tcase(s, t);
-    SRunner *r = srunner_create(s);
-    srunner_run_all(r, CK_NORMAL);
-    int failed = srunner_ntests_failed(r);
-    srunner_free(r);
-    return failed != 0;
+    return suite_run(s);
 }

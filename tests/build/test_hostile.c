@@ -11,6 +11,7 @@
 
 #include "block.h"
 #include "frame.h"
+#include "suite.h"
 #include "tree_fixture.h"
 
 enum { BLOCKS_MAX = 256 };
@@ -393,9 +394,5 @@ int main(void) {
     tcase_add_test(t, lying_vdt_files_are_found_out);
     tcase_add_test(t, every_flipped_byte_of_a_vdt_is_noticed);
     suite_add_tcase(s, t);
-    SRunner *r = srunner_create(s);
-    srunner_run_all(r, CK_NORMAL);
-    int failed = srunner_ntests_failed(r);
-    srunner_free(r);
-    return failed != 0;
+    return suite_run(s);
 }

@@ -442,5 +442,5 @@ int main(void) {
     tcase_add_test(files, interruption);
     tcase_add_test(files, written_and_read_again);
     suite_add_tcase(suite, files);
-    return run_suite(suite);
+    return suite_run(suite);
 }

@@ -15,6 +15,7 @@
 
 #include "metanode/build.h"
 #include "noise.h"
+#include "suite.h"
 
 static char folder[] = "/tmp/mn-make-XXXXXX";
 static char path[64];
@@ -369,11 +370,8 @@ int main(void) {
     tcase_add_test(tc, terrain_is_rough_at_every_scale);
     tcase_add_loop_test(tc, failures_leave_nothing_behind, 0, 3);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_NORMAL);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
+    const int failed = suite_run(suite);
     unlink(path);
     rmdir(folder);
-    return failed != 0;
+    return failed;
 }

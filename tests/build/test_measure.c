@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "metanode/build.h"
+#include "suite.h"
 
 /*  2 ─── 3     collapse 0: 1 → 0 kills (0, 1, 2), leaves (0, 3, 2): the half above the diagonal
  *  │ ╲ B │     collapse 1: 3 → 2 kills (1, 3, 2)
@@ -131,9 +132,5 @@ int main(void) {
     tcase_add_test(tc, lone_nodes_are_points);
     tcase_add_loop_test(tc, simplifier_is_honest, 0, 2);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_NORMAL);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed != 0;
+    return suite_run(suite);
 }

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "helper.h"
+#include "suite.h"
 
 static const char *dir(void) {
     const char *given = getenv("METANODE_HELPER_DIR");
@@ -188,9 +189,5 @@ int main(void) {
     tcase_add_test(tc, a_cut_ply_header_ends);
     tcase_add_test(tc, no_helper_is_said);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

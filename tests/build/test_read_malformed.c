@@ -288,5 +288,5 @@ int main(void) {
     tcase_add_test(tests, odd_files);
     tcase_add_test(tests, long_lines);
     suite_add_tcase(suite, tests);
-    return run_suite(suite);
+    return suite_run(suite);
 }

@@ -127,5 +127,5 @@ int main(void) {
     tcase_add_test(tests, colors);
     tcase_add_loop_test(tests, real_meshes, 0, 6);
     suite_add_tcase(suite, tests);
-    return run_suite(suite);
+    return suite_run(suite);
 }

@@ -87,5 +87,5 @@ int main(void) {
     tcase_add_test(tests, colors);
     tcase_add_test(tests, refusals);
     suite_add_tcase(suite, tests);
-    return run_suite(suite);
+    return suite_run(suite);
 }

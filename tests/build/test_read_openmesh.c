@@ -145,5 +145,5 @@ int main(void) {
     tcase_add_test(tests, both_readers_agree);
     tcase_add_loop_test(tests, both_agree_on_real_meshes, 0, 3);
     suite_add_tcase(suite, tests);
-    return run_suite(suite);
+    return suite_run(suite);
 }

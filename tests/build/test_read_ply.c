@@ -358,5 +358,5 @@ int main(void) {
     tcase_add_test(tests, binary_refusals);
     tcase_add_test(tests, igea);
     suite_add_tcase(suite, tests);
-    return run_suite(suite);
+    return suite_run(suite);
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "metanode/build.h"
+#include "suite.h"
 #include "tree_fixture.h"
 
 enum { POINTS_MAX = 300 };
@@ -130,9 +131,5 @@ int main(void) {
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, nearest_first, 0, KINDS);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

@@ -8,6 +8,7 @@
 
 #include "legal.h"
 #include "metanode/build.h"
+#include "suite.h"
 
 typedef struct model {
     mn_mesh mesh;
@@ -520,9 +521,5 @@ int main(void) {
     tcase_add_test(tc, too_large_to_measure);
     tcase_add_test(tc, link_condition);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

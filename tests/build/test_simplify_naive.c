@@ -9,6 +9,7 @@
 
 #include "metanode/build.h"
 #include "simplify.h"
+#include "suite.h"
 #include "tree_fixture.h"
 
 enum { VERTICES_MAX = 64, SIMPLICES_MAX = 1024 };
@@ -661,9 +662,5 @@ int main(void) {
     tcase_set_timeout(tc, 300);
     tcase_add_loop_test(tc, same_as_naive, 0, KINDS);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

@@ -30,5 +30,5 @@ int main(void) {
     TCase *tests = tcase_create("sketch");
     tcase_add_test(tests, bounds);
     suite_add_tcase(suite, tests);
-    return run_suite(suite);
+    return suite_run(suite);
 }

@@ -176,5 +176,5 @@ int main(void) {
     tcase_add_test(tests, integers);
     tcase_add_test(tests, windows);
     suite_add_tcase(suite, tests);
-    return run_suite(suite);
+    return suite_run(suite);
 }

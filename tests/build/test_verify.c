@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "suite.h"
 #include "tree_fixture.h"
 
 static mn_code check(const char *path, const mn_mesh *against, mn_verify_result *r, mn_status *st) {
@@ -232,9 +233,5 @@ int main(void) {
     tcase_add_test(t, what_is_no_file_of_ours_is_said);
     tcase_add_loop_test(t, a_vdt_keeps_the_tree, 0, 2);
     suite_add_tcase(s, t);
-    SRunner *r = srunner_create(s);
-    srunner_run_all(r, CK_NORMAL);
-    int failed = srunner_ntests_failed(r);
-    srunner_free(r);
-    return failed != 0;
+    return suite_run(s);
 }

@@ -7,6 +7,7 @@
 
 #include "block_layout.h"
 #include "frame.h"
+#include "suite.h"
 
 static uint64_t state;
 static uint32_t draw(void) {
@@ -215,9 +216,5 @@ int main(void) {
     tcase_add_test(t, a_cut_block_is_refused);
     tcase_add_test(t, overflow_blocks_hold_what_fits);
     suite_add_tcase(s, t);
-    SRunner *r = srunner_create(s);
-    srunner_run_all(r, CK_NORMAL);
-    int failed = srunner_ntests_failed(r);
-    srunner_free(r);
-    return failed != 0;
+    return suite_run(s);
 }

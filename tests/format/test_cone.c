@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "block.h"
+#include "suite.h"
 
 static uint64_t state;
 static double chance(void) { /* [0, 1) */
@@ -109,9 +110,5 @@ int main(void) {
     tcase_add_test(t, no_bound_is_kept);
     tcase_add_test(t, any_code_decodes_to_a_unit_axis);
     suite_add_tcase(s, t);
-    SRunner *r = srunner_create(s);
-    srunner_run_all(r, CK_NORMAL);
-    int failed = srunner_ntests_failed(r);
-    srunner_free(r);
-    return failed != 0;
+    return suite_run(s);
 }

@@ -7,6 +7,7 @@
 #include <xxhash.h>
 
 #include "header.h"
+#include "suite.h"
 
 enum { FILE_BYTES = 100 * MN_PAGE_BYTES };
 
@@ -184,9 +185,5 @@ int main(void) {
     tcase_add_test(t, a_file_of_another_size_is_refused);
     tcase_add_test(t, levels_have_l_and_no_block_bytes);
     suite_add_tcase(s, t);
-    SRunner *r = srunner_create(s);
-    srunner_run_all(r, CK_NORMAL);
-    int failed = srunner_ntests_failed(r);
-    srunner_free(r);
-    return failed != 0;
+    return suite_run(s);
 }

@@ -7,6 +7,7 @@
 
 #include "fake.h"
 #include "gl_load.h"
+#include "suite.h"
 
 enum { W = 320, H = 240 };
 
@@ -405,10 +406,5 @@ int main(void) {
     tcase_add_test(tc, no_platform_is_said);
     tcase_add_test(tc, a_missing_module_is_said);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_set_fork_status(runner, CK_NOFORK); /* drivers have threads */
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run_as(suite, CK_NOFORK); /* drivers have threads */
 }

@@ -9,6 +9,7 @@
 
 #include "fake.h"
 #include "parts.h"
+#include "suite.h"
 
 static int field(uint32_t packed, int shift) {
     const int v = (int)(packed >> shift & 1023);
@@ -336,9 +337,5 @@ int main(void) {
     tcase_add_test(tc, png_is_read_back);
     tcase_add_test(tc, png_failures_leave_nothing);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

@@ -11,6 +11,7 @@
 
 #include "gl_load.h"
 #include "model.h"
+#include "suite.h"
 
 enum { W = 96, H = 64, FRAMES = 30 };
 static gl_load load;
@@ -145,10 +146,5 @@ int main(void) {
     tcase_add_test(tc, paged);
     tcase_add_test(tc, unknown_ways_are_said);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_set_fork_status(runner, CK_NOFORK); /* drivers have threads */
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run_as(suite, CK_NOFORK); /* drivers have threads */
 }

@@ -6,6 +6,7 @@
 
 #include "fake.h"
 #include "gl_load.h"
+#include "suite.h"
 
 enum { W = 320, H = 240 };
 static gl_load load;
@@ -111,10 +112,5 @@ int main(void) {
     tcase_add_test(tc, shows_what_offscreen_shows);
     tcase_add_test(tc, opens_again);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_set_fork_status(runner, CK_NOFORK); /* drivers have threads */
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run_as(suite, CK_NOFORK); /* drivers have threads */
 }

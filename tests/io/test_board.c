@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "board.h"
+#include "suite.h"
 
 static mni_arena arena;
 static mni_board board;
@@ -122,9 +123,5 @@ int main(void) {
     tcase_add_test(tests, a_full_board_says_so);
     tcase_add_test(tests, two_threads);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

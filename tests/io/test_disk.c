@@ -14,6 +14,7 @@
 
 #include "disk.h"
 #include "refuse.h"
+#include "suite.h"
 
 enum { PAGES = 256, READ_PAGES = 2, READ_BYTES = READ_PAGES * MN_PAGE_BYTES, CHUNK_READS = 5 };
 
@@ -268,9 +269,5 @@ int main(void) {
     tcase_add_test(tests, faults_as_told);
     tcase_add_test(tests, order_is_the_seeds);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

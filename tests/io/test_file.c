@@ -18,6 +18,7 @@
 
 #include "file.h"
 #include "refuse.h"
+#include "suite.h"
 
 static char directory[64];
 
@@ -208,9 +209,5 @@ int main(void) {
     tcase_add_test(tests, without_nameless_files);
     tcase_add_loop_test(tests, names_taken_are_left_alone, 0, 2);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "frame.h"
+#include "suite.h"
 
 enum { PAGES = 2, LENGTH = PAGES * MN_PAGE_BYTES, FILE_PAGES = 100 };
 static const mn_block_ref SELF = {.id = 7, .pages = PAGES};
@@ -90,9 +91,5 @@ int main(void) {
     tcase_add_test(tests, misplaced_stale_foreign);
     tcase_add_test(tests, lying_tables);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

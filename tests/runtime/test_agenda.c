@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "agenda.h"
+#include "suite.h"
 
 enum { MAX = 3000 };
 
@@ -128,9 +129,5 @@ int main(void) {
     tcase_add_loop_test(tc, smallest_first, 0, 7);
     tcase_add_test(tc, ahead);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

@@ -10,6 +10,7 @@
 #include "frame.h"
 #include "front.h"
 #include "model.h"
+#include "suite.h"
 
 typedef struct rig {
     model m;
@@ -615,9 +616,5 @@ int main(void) {
     tcase_add_test(tc, room);
     tcase_add_loop_test(tc, what_both_blocks_say_must_agree, 0, LIES);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

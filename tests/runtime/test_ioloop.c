@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "ioloop.h"
+#include "suite.h"
 #include "walk.h"
 
 /* ---- a disk that does as it is told ---------------------------------------------------------- */
@@ -253,9 +254,5 @@ int main(void) {
     tcase_add_loop_test(tests, one_read_goes_wrong, 0, BENDS);
     tcase_add_test(tests, endless_eagain_fails);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "model.h"
+#include "suite.h"
 
 enum { ENOUGH = 5000 };
 
@@ -214,9 +215,5 @@ int main(void) {
     tcase_add_test(tc, not_degrading);
     tcase_add_test(tc, front_over_wanted);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "metanode/runtime.h"
+#include "suite.h"
 
 static mn_header header_of(void) {
     mn_header h = {.box_min = {-3, -1, 2}, .box_max = {5, 1, 6}};
@@ -180,9 +181,5 @@ int main(void) {
     tcase_add_test(tc, recorded);
     tcase_add_test(tc, bad_files);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

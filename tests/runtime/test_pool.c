@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "holder.h"
+#include "suite.h"
 #include "walk.h"
 
 static made_file file;
@@ -434,9 +435,5 @@ int main(void) {
     tcase_add_test(tests, a_full_ancestor_table_refuses);
     tcase_add_loop_test(tests, chunks_retire_and_return, MN_IO_URING, MN_IO_SIM + 1);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

@@ -10,6 +10,7 @@
 #include <sys/resource.h>
 #include <time.h>
 
+#include "suite.h"
 #include "walk.h"
 
 enum { SEEDS = 6, FRAMES = 150, SETTLE_MAX = 3000 };
@@ -206,9 +207,5 @@ int main(void) {
     tcase_add_test(tests, closes_in_the_middle);
     tcase_add_loop_test(tests, goes_on_without_fixed_buffers, 0, 3);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "pool.h"
+#include "suite.h"
 #include "walk.h"
 
 static made_file file;
@@ -264,9 +265,5 @@ int main(void) {
     tcase_add_test(tests, a_block_that_comes_is_forgiven);
     tcase_add_test(tests, what_is_granted_keeps_its_room);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

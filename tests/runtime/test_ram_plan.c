@@ -7,6 +7,7 @@
 
 #include "navigate.h"
 #include "ram_plan.h"
+#include "suite.h"
 
 static mn_header header_of(uint32_t leaves, uint32_t block_bytes) {
     uint64_t bytes = (uint64_t)leaves * 40;
@@ -147,9 +148,5 @@ int main(void) {
     tcase_add_test(tc, without_a_cap);
     tcase_add_test(tc, base);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

@@ -10,6 +10,7 @@
 
 #include "frame.h"
 #include "model.h"
+#include "suite.h"
 
 enum { CAMERAS = 6, ENOUGH = 5000, BLOCK_BYTES = 4096 };
 
@@ -255,9 +256,5 @@ int main(void) {
     tcase_add_test(tc, refusals);
     tcase_add_loop_test(tc, lying_blocks, 0, MODEL_SHAPES);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "model.h"
+#include "suite.h"
 
 enum { CAMERAS = 6 };
 
@@ -133,9 +134,5 @@ int main(void) {
     tcase_add_loop_test(tc, few_holders, 0, MODEL_SHAPES * BLOCKINGS);
     tcase_add_loop_test(tc, faults_end, 0, 2 * MODEL_SHAPES);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

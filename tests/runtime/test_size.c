@@ -3,6 +3,7 @@
 #include <check.h>
 
 #include "model.h"
+#include "suite.h"
 
 enum { SIZES = 4, ENOUGH = 5000 };
 static const uint32_t sizes[SIZES][2] = {{320, 240}, {1600, 200}, {40, 800}, {1, 1}};
@@ -72,9 +73,5 @@ int main(void) {
     tcase_add_test(tc, as_if_opened_at_that_size);
     tcase_add_test(tc, degrades_anew);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "suite.h"
 #include "walk.h"
 
 static const made_desc SMALL = {
@@ -155,9 +156,5 @@ int main(void) {
     tcase_add_loop_test(tests, cut_file_is_bad_input, MN_STORE_PAGED, MN_STORE_RESIDENT + 1);
     tcase_add_test(tests, too_few_place_holders);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

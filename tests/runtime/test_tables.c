@@ -5,6 +5,7 @@
 
 #include "ancestors.h"
 #include "failures.h"
+#include "suite.h"
 #include "walk.h"
 
 START_TEST(map_against_array) {
@@ -100,9 +101,5 @@ int main(void) {
     tcase_add_test(tests, branches_of_ancestors);
     tcase_add_test(tests, failures_wait_longer_and_longer);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "suite.h"
 #include "wanted.h"
 
 #define PI 3.14159265358979323846
@@ -198,9 +199,5 @@ int main(void) {
     tcase_add_test(tc, degenerate_cameras);
     tcase_add_test(tc, nested);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "assert.h"
+#include "suite.h"
 #include "walk.h"
 
 enum { SEEDS = 1000, FRAMES = 24, SETTLE_MAX = 3000 };
@@ -169,9 +170,5 @@ int main(void) {
     tcase_add_test(tests, faults_do_no_harm);
     tcase_add_test(tests, a_seed_replays);
     suite_add_tcase(suite, tests);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+    return suite_run(suite);
 }

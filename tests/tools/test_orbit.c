@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "orbit.h"
+#include "suite.h"
 
 static const mn_camera front_view = {
     .eye = {0, 0, 4}, .target = {0, 0, 0}, .up = {0, 1, 0}, .fov_y_deg = 90};
@@ -123,9 +124,5 @@ int main(void) {
     tcase_add_test(tc, nothing_breaks_it);
     tcase_add_test(tc, a_point_has_a_camera_too);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }

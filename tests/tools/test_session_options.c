@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "session_options.h"
+#include "suite.h"
 
 static session_options o;
 
@@ -107,9 +108,5 @@ int main(void) {
     tcase_add_test(tc, one_file);
     tcase_add_test(tc, help_names_all);
     suite_add_tcase(suite, tc);
-    SRunner *runner = srunner_create(suite);
-    srunner_run_all(runner, CK_ENV);
-    const int failed = srunner_ntests_failed(runner);
-    srunner_free(runner);
-    return failed == 0 ? 0 : 1;
+    return suite_run(suite);
 }
