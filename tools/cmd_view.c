@@ -42,6 +42,7 @@ typedef struct viewer {
     bool paused;
     bool dirty;    /* what is shown is not what should be */
     bool adapting; /* the session wants more frames */
+    bool shoot;    /* the next picture is wanted as a file */
     bool aimed;    /* the target is on the surface, and only zooming has happened since */
     mn_frame_stats stats;
     FILE *record;   /* NULL: not recording */
@@ -146,6 +147,7 @@ static void screenshot(viewer *v) {
     else if (v->load.api->png(v->gl, name, &st) == MN_OK)
         printf("%s\n", name);
     cli_status(&st);
+    fflush(stdout);
 }
 
 /* A path file for replay and shoot: a line a picture (docs/paths.md). */
@@ -200,7 +202,7 @@ static bool take_character(viewer *v, uint32_t character) {
         v->paused = !v->paused;
         break;
     case 's':
-        screenshot(v);
+        v->shoot = true;
         break;
     case 'p':
         start_or_stop_recording(v);
@@ -313,7 +315,10 @@ static mn_code frame(viewer *v, mn_status *st) {
     const uint64_t entered = gl_load_enter(&v->load);
     code = v->load.api->draw(v->gl, &camera, &v->look, st);
     gl_load_leave(&v->load, entered);
+    if (v->shoot && code == MN_OK)
+        screenshot(v);
     record(v, &camera);
+    v->shoot = false;
     v->dirty = false;
     v->drawn++;
     return code;
