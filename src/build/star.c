@@ -84,6 +84,10 @@ void mni_star_open(mni_star *star) {
 #endif
 }
 
+void mni_star_narrow(mni_star *star) {
+    star->measure = measure_narrow;
+}
+
 void mni_star_close(mni_star *star) {
     free(star->triangle);
     memset(star, 0, sizeof *star);

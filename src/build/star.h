@@ -30,6 +30,8 @@ typedef struct mni_star {
 
 void mni_star_open(mni_star *star);
 void mni_star_close(mni_star *star);
+/* Keeps to what every machine has. */
+void mni_star_narrow(mni_star *star);
 /* k's triangles, and their edges. False: no memory. */
 bool mni_star_take(mni_star *star, mni_surface *surface, uint32_t k);
 /* Fills distance[0 … count): to the nearest place of the star, or to k where it has no triangle. */
