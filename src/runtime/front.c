@@ -33,6 +33,7 @@ static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
     sum += colors ? take(arena, &f->color, slots, sizeof *f->color) : 0;
     sum += take(arena, &f->switch_value, slots, sizeof *f->switch_value);
     sum += take(arena, &f->radius, slots, sizeof *f->radius);
+    sum += take(arena, &f->face, slots, sizeof *f->face);
     sum += take(arena, &f->node, slots, sizeof *f->node);
     sum += take(arena, &f->branch, slots, sizeof *f->branch);
     sum += take(arena, &f->simplex_node, simplices, 3 * sizeof *f->simplex_node);
@@ -218,7 +219,7 @@ static void corner_remove(mni_front *f, uint32_t c) {
 /* A list taken off its slot, to be handed out again; the record's corners first, so that there are
  * chunks enough at any time. */
 typedef struct loose {
-    uint32_t corner[MNI_FRONT_CHUNK]; /* at hand: up to the first MN_NONE */
+    uint32_t corner[MNI_FRONT_CORNERS]; /* at hand: a record's, or a chunk's */
     uint32_t count, more;
 } loose;
 
@@ -235,7 +236,7 @@ static bool corners_next(mni_front *f, loose *list) {
     uint32_t i = list->more;
     if (i == MN_NONE)
         return false;
-    memcpy(list->corner, f->chunk[i].corner, sizeof list->corner);
+    memcpy(list->corner, f->chunk[i].corner, sizeof f->chunk[i].corner);
     list->count = run_count(list->corner, MNI_FRONT_CHUNK);
     list->more = f->chunk[i].next;
     chunk_free(f, i);
@@ -294,7 +295,7 @@ static bool same_node(const mni_front *f, uint32_t slot, const mni_subtree *s,
                       const mni_node *record) {
     const mni_front_node *key = &f->node[slot];
     const mni_facts facts = {key->order, f->switch_value[slot], f->radius[slot],
-                             f->node[slot].cone};
+                             f->face[slot].cone};
     return mni_facts_equal(&facts, &record->facts) && s->leaf_lo == key->leaf_lo &&
            s->leaf_hi == key->leaf_hi &&
            memcmp(s->position, &f->position[3 * (size_t)slot], sizeof s->position) == 0;
@@ -307,13 +308,13 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
     const void *bytes;
     const mni_block *block = view_of(f, own, &bytes);
     if ((p->flags & MNI_NODE_STUB) == 0) {
-        mni_block_node(block, p->index, record);
+        mni_block_node(block, f->face[slot].index, record);
         *entry = own;
         mni_store_add(f->store, *entry);
         return MNI_DONE;
     }
     mni_child where;
-    mni_block_exit(block, p->index, &where);
+    mni_block_exit(block, f->face[slot].index, &where);
     mni_answer answer = mni_store_down(f->store, own, mni_frame_ref(bytes, where.ref), entry);
     if (answer != MNI_GRANTED)
         return answer == MNI_ABSENT ? MNI_MISS : MNI_REFUSED_POOL;
@@ -489,8 +490,8 @@ static void node_set(mni_front *f, uint32_t slot, uint32_t parent, uint32_t abov
     bool leaf = from->kind == MNI_CHILD_LEAF, stub = from->kind == MNI_CHILD_SUBTREE;
     n->parent = parent & MNI_FRONT_NO_PARENT;
     n->witness = MN_NONE;
-    n->cone = leaf ? (mn_cone){0} : from->facts.cone;
-    n->index = (uint16_t)(stub ? from->exit : from->node);
+    f->face[slot].cone = leaf ? (mn_cone){0} : from->facts.cone;
+    f->face[slot].index = (uint16_t)(stub ? from->exit : from->node);
     n->flags = stub ? MNI_NODE_STUB : 0;
     f->node[slot].order = leaf ? f->node[slot].leaf_lo : from->facts.order;
     f->node[slot].above = above;
@@ -505,8 +506,7 @@ static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_ent
     f->branch[b] = (mni_front_branch){.order = f->node[slot].order,
                                       .switch_value = f->switch_value[slot],
                                       .radius = f->radius[slot],
-                                      .cone = p->cone,
-                                      .index = p->index,
+                                      .face = f->face[slot],
                                       .child = {slot, right},
                                       .parent = p->parent,
                                       .home = home,
@@ -640,8 +640,7 @@ static void join(mni_front *f, uint32_t branch) {
     mni_front_node *p = &f->node[slot];
     p->parent = b->parent & MNI_FRONT_NO_PARENT;
     p->witness = MN_NONE;
-    p->cone = b->cone;
-    p->index = b->index;
+    f->face[slot] = b->face;
     p->flags = b->stub ? MNI_NODE_STUB : 0;
     f->node_stamp[slot / MN_FRONT_PAGE] = (uint32_t)f->version;
     *reference(f, b->parent, slot, branch | MNI_FRONT_BRANCH) = slot;

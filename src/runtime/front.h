@@ -39,12 +39,12 @@ enum {
 
 #define MNI_FRONT_NO_PARENT 0x1fffffffu /* of a root */
 enum {
-    MNI_FRONT_CORNERS = 6, /* of a node in its own record: as many as it has on average */
+    MNI_FRONT_CORNERS = 8, /* of a node in its own record: most have no more, 6 on average */
     MNI_FRONT_CHUNK = 7,   /* and in each chunk of a list that is longer */
 };
 
-/* An active node but for what is streamed: position, switch value and radius stand apart. One line
- * of the cache: whoever asks about a neighbour, or walks around a node, touches no other. */
+/* An active node but for what is streamed: position, switch value, radius and cone stand apart. One
+ * line of the cache: whoever asks about a neighbour, or walks around a node, touches no other. */
 typedef struct mni_front_node {
     uint32_t order; /* order id; MN_NONE: nobody is in the slot */
     uint32_t above; /* order id of its parent; MN_NONE: a root */
@@ -54,8 +54,6 @@ typedef struct mni_front_node {
     uint32_t parent : 29;               /* branch */
     uint32_t flags : 3;
     uint32_t witness, witness_order; /* a neighbour that blocked a move of it, as long as active */
-    mn_cone cone;
-    uint16_t index; /* its record: node in its parent's block, or, of a stub, exit */
 } mni_front_node;
 _Static_assert(sizeof(mni_front_node) == 64, "one line of the cache");
 
@@ -66,12 +64,16 @@ typedef struct mni_front_chunk {
     uint32_t next; /* chunk, or MN_NONE; free: next free one */
 } mni_front_chunk;
 
+typedef struct mni_front_face {
+    mn_cone cone;
+    uint16_t index; /* its record: node in its parent's block, or, of a stub, exit */
+} mni_front_face;
+
 /* An expanded node. Its position and first leaf are those of its slot. */
 typedef struct mni_front_branch {
     uint32_t order;
     float switch_value, radius;
-    mn_cone cone;
-    uint16_t index;       /* as of an active node */
+    mni_front_face face;
     uint32_t child[2];    /* slots or, with MNI_FRONT_BRANCH, branches */
     uint32_t parent;      /* branch, or MNI_FRONT_NO_PARENT; free: next free branch */
     uint32_t home;        /* entry of the block with its record: where its children count */
@@ -101,6 +103,7 @@ typedef struct mni_front {
     float *position; /* 3 × slots */
     uint32_t *color; /* slots, or NULL */
     float *switch_value, *radius;
+    mni_front_face *face;
     mni_front_node *node;
     mni_front_branch *branch;
     mni_front_chunk *chunk;
@@ -156,11 +159,12 @@ static inline bool mni_front_is_fork(const mni_front *front, uint32_t branch) {
 }
 static inline mni_bounds mni_front_bounds(const mni_front *front, uint32_t slot) {
     return (mni_bounds){&front->position[3 * (size_t)slot], front->radius[slot],
-                        front->switch_value[slot], front->node[slot].cone};
+                        front->switch_value[slot], front->face[slot].cone};
 }
 static inline mni_bounds mni_front_branch_bounds(const mni_front *front, uint32_t branch) {
     const mni_front_branch *b = &front->branch[branch];
-    return (mni_bounds){&front->position[3 * (size_t)b->slot], b->radius, b->switch_value, b->cone};
+    return (mni_bounds){&front->position[3 * (size_t)b->slot], b->radius, b->switch_value,
+                        b->face.cone};
 }
 
 /* A neighbour that must split before slot may (its order id is larger), or MN_NONE. */

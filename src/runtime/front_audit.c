@@ -265,8 +265,8 @@ bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
     mni_entry entry = own;
     uint32_t lo = f->node[slot].leaf_lo;
     mni_child at = {.kind = n->flags & MNI_NODE_STUB ? MNI_CHILD_SUBTREE : MNI_CHILD_INNER,
-                    .node = n->index,
-                    .exit = n->index};
+                    .node = f->face[slot].index,
+                    .exit = f->face[slot].index};
     bool there = true;
     memcpy(position, &f->position[3 * (size_t)slot], 3 * sizeof *position);
     while (lo != leaf && there) {

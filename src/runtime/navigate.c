@@ -49,16 +49,41 @@ static void consider_fork(mni_navigator *nav, uint32_t fork) {
         mni_agenda_push(&nav->agenda, (mni_agenda_item){nav->front.branch[fork].order, 0, fork});
 }
 
+/* Those of a batch of forks that are not wanted, onto the agenda. */
+static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
+    uint8_t verdict[MNI_SIEVE_BATCH];
+    mni_sieve_judge(&nav->sieve, &nav->batch, verdict);
+    for (int i = 0; i < count; i++) {
+        if (verdict[i] == MNI_WANTED)
+            continue;
+        if (verdict[i] == MNI_UNSURE) {
+            mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork[i]);
+            if (mni_lens_wants(&nav->lens, &bounds))
+                continue;
+        }
+        uint32_t order = nav->front.branch[fork[i]].order;
+        mni_agenda_add(&nav->agenda, (mni_agenda_item){order, 0, fork[i]});
+    }
+}
+
 static void collapse_agenda(mni_navigator *nav) {
     const mni_front *front = &nav->front;
+    uint32_t fork[MNI_SIEVE_BATCH];
+    int count = 0;
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t b = 0; b < front->branches_high; b++) {
-        if (!mni_front_is_fork(front, b))
+    for (uint32_t i = 0; i < front->branches_high; i++) {
+        if (!mni_front_is_fork(front, i))
             continue;
-        mni_bounds bounds = mni_front_branch_bounds(front, b);
-        if (!mni_lens_wants(&nav->lens, &bounds))
-            mni_agenda_add(&nav->agenda, (mni_agenda_item){front->branch[b].order, 0, b});
+        const mni_front_branch *b = &front->branch[i];
+        mni_sieve_put(&nav->batch, count, &front->position[3 * (size_t)b->slot], b->radius,
+                      b->switch_value, b->face.cone);
+        fork[count++] = i;
+        if (count < MNI_SIEVE_BATCH)
+            continue;
+        judge_forks(nav, fork, count);
+        count = 0;
     }
+    judge_forks(nav, fork, count);
     mni_agenda_begin(&nav->agenda);
 }
 
@@ -182,17 +207,30 @@ static void consider_split(mni_navigator *nav, uint32_t slot) {
     mni_agenda_push(&nav->agenda, item);
 }
 
-static void split_agenda(mni_navigator *nav, bool forget_given_up) {
-    mni_front *front = &nav->front;
+static void forget_given_up(mni_navigator *nav) {
+    for (uint32_t slot = 0; nav->given_up && slot < nav->front.slots_high; slot++)
+        nav->front.node[slot].flags &= 7 & ~MNI_NODE_GIVEN_UP;
+    nav->given_up = false;
+}
+
+/* All slots: who is in none, or a leaf, has the bounds of whoever was, and is asked for when
+ * wanted. */
+static void split_agenda(mni_navigator *nav) {
+    const mni_front *front = &nav->front;
+    uint8_t verdict[MNI_SIEVE_BATCH];
     mni_agenda_item item;
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t slot = 0; slot < front->slots_high; slot++) {
-        if (!mni_front_is_active(front, slot))
-            continue;
-        if (forget_given_up)
-            front->node[slot].flags &= 7 & ~MNI_NODE_GIVEN_UP;
-        if (wanted(nav, slot, &item))
-            mni_agenda_add(&nav->agenda, item);
+    for (uint32_t first = 0; first < front->slots_high; first += MNI_SIEVE_BATCH) {
+        uint32_t left = front->slots_high - first;
+        uint32_t count = left < MNI_SIEVE_BATCH ? left : MNI_SIEVE_BATCH;
+        for (uint32_t i = 0, slot = first; i < count; i++, slot++)
+            mni_sieve_put(&nav->batch, (int)i, &front->position[3 * (size_t)slot],
+                          front->radius[slot], front->switch_value[slot], front->face[slot].cone);
+        mni_sieve_judge(&nav->sieve, &nav->batch, verdict);
+        for (uint32_t i = 0; i < count; i++)
+            if (verdict[i] != MNI_UNWANTED && mni_front_is_active(front, first + i) &&
+                wanted(nav, first + i, &item))
+                mni_agenda_add(&nav->agenda, item);
     }
     mni_agenda_begin(&nav->agenda);
 }
@@ -205,6 +243,7 @@ static void refuse(mni_navigator *nav, uint32_t slot, mni_outcome outcome) {
         break;
     case MNI_REFUSED_POOL:
         nav->front.node[slot].flags |= MNI_NODE_GIVEN_UP;
+        nav->given_up = true;
         nav->work.refused_pool++;
         nav->work.refused_split = true;
         break;
@@ -226,7 +265,9 @@ static void split_pass(mni_navigator *nav) {
     uint64_t epoch = mni_store_epoch(front->store);
     bool again = nav->moved || front->version != nav->version || epoch != nav->epoch;
     nav->epoch = epoch;
-    split_agenda(nav, again);
+    if (again)
+        forget_given_up(nav);
+    split_agenda(nav);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     mni_agenda_item item;
     while (mni_agenda_pop(&nav->agenda, &item)) {
@@ -295,6 +336,7 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     double used_px = tolerance_px * exp2((double)nav->level / MNI_LEVELS_A_DOUBLING);
     bool same = nav->lens.tolerance_px == used_px;
     mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, nav->size, used_px);
+    mni_sieve_make(&nav->sieve, &nav->lens, nav->coordinate_max);
     nav->work = (mni_work){0};
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */
@@ -351,5 +393,8 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     nav->stack = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->stack, 64);
     nav->chain = mni_arena_take(arena, nav->chain_max, sizeof *nav->chain, 64);
     nav->failed = -1;
+    for (int i = 0; i < 3; i++)
+        nav->coordinate_max =
+            fmaxf(nav->coordinate_max, fmaxf(fabsf(header->box_min[i]), fabsf(header->box_max[i])));
     return mni_front_open(&nav->front, store, header, nodes_max, simplices_max, arena, st);
 }

@@ -4,6 +4,7 @@
 
 #include "agenda.h"
 #include "front.h"
+#include "sieve.h"
 
 enum {
     MNI_CHAIN_MAX = 1 << 16,   /* splits in one chain of forced splits */
@@ -27,8 +28,10 @@ typedef struct mni_navigator {
     /* const after open */
     uint64_t ops_max; /* a frame; 0: no limit */
     bool degrades;
-    double size; /* of the model: its radius */
+    double size;          /* of the model: its radius */
+    float coordinate_max; /* and its largest coordinate, either way */
     mni_agenda agenda;
+    mni_sieve_batch batch;
     mni_front_ref *stack; /* MNI_STACK_MAX */
     uint32_t *chain;      /* chain_max branches */
     uint32_t chain_max;
@@ -36,10 +39,12 @@ typedef struct mni_navigator {
     /* the frame */
     uint32_t width_px, height_px; /* by the session: at open, and when a window is resized */
     mni_lens lens;
+    mni_sieve sieve; /* the lens, in single precision */
     mn_camera camera;
     double tolerance_px; /* as asked for; the lens has what is used */
     bool moved;          /* the camera or the tolerance is not the last frame's */
     bool settled_level;  /* the level of degrading would not change if the camera stood */
+    bool given_up;       /* some node is flagged so */
     uint64_t version;    /* of the front, when chains were given up */
     uint64_t epoch;      /* of the store, then */
     mni_work work;

@@ -111,14 +111,16 @@ bool mni_lens_away(const mni_lens *lens, const mni_bounds *node) {
     double distance = distance_to(lens, node->position), radius = node->radius;
     if (half >= PI / 2 || distance <= radius)
         return false;
-    double sin_spread = radius / distance, spread = asin(sin_spread);
-    if (half + spread >= PI / 2)
-        return false;
     float axis[3];
     mn_cone_axis(node->cone, axis);
     double along = 0;
     for (int i = 0; i < 3; i++)
         along += (double)axis[i] * (lens->eye[i] - (double)node->position[i]);
+    if (along >= 0)
+        return false; /* what follows costs more */
+    double sin_spread = radius / distance, spread = asin(sin_spread);
+    if (half + spread >= PI / 2)
+        return false;
     return along < -distance * sin(half + spread);
 }
 

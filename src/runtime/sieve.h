@@ -1,0 +1,47 @@
+/* What a camera wants, for many nodes at once and only where it is clear. See sieve.c. */
+#ifndef MNI_SIEVE_H
+#define MNI_SIEVE_H
+
+#include "wanted.h"
+
+enum { MNI_SIEVE_BATCH = 64 };
+
+typedef enum mni_verdict {
+    MNI_UNSURE = 0, /* ask mni_lens_wants */
+    MNI_WANTED,
+    MNI_UNWANTED,
+} mni_verdict;
+
+/* A lens in single precision, with what it may be wrong by. Plain data. */
+typedef struct mni_sieve {
+    float eye[3], plane[5][3];
+    float reach; /* × switch value: where it has the size of the tolerance; NaN: no telling */
+    float distance_min; /* the lens's, rounded up */
+    float slack;        /* absolute error of a difference of coordinates */
+} mni_sieve;
+
+/* Nodes' bounds, column by column. */
+typedef struct mni_sieve_batch {
+    float x[MNI_SIEVE_BATCH], y[MNI_SIEVE_BATCH], z[MNI_SIEVE_BATCH];
+    float radius[MNI_SIEVE_BATCH], switch_value[MNI_SIEVE_BATCH];
+    float axis[2][MNI_SIEVE_BATCH], angle[MNI_SIEVE_BATCH]; /* a cone's numbers as they are */
+} mni_sieve_batch;
+
+/* size: no coordinate of a node is larger. */
+void mni_sieve_make(mni_sieve *sieve, const mni_lens *lens, float size);
+static inline void mni_sieve_put(mni_sieve_batch *batch, int i, const float position[3],
+                                 float radius, float switch_value, mn_cone cone) {
+    batch->x[i] = position[0];
+    batch->y[i] = position[1];
+    batch->z[i] = position[2];
+    batch->radius[i] = radius;
+    batch->switch_value[i] = switch_value;
+    batch->axis[0][i] = cone.axis[0];
+    batch->axis[1][i] = cone.axis[1];
+    batch->angle[i] = cone.angle;
+}
+/* Of all of a batch; whoever has filled less looks at so many. */
+void mni_sieve_judge(const mni_sieve *sieve, const mni_sieve_batch *batch,
+                     uint8_t verdict[MNI_SIEVE_BATCH]);
+
+#endif

@@ -1,0 +1,137 @@
+/* Goal: what the sieve says is what mni_lens_wants says, and it rarely says nothing. Method: random
+ * nodes, many near where the decision turns, random cameras near and far; every vector width that
+ * the processor has is the same function by construction, so the one that is used is compared. */
+#include <check.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "sieve.h"
+#include "suite.h"
+
+static uint64_t random_state;
+
+static double uniform(double lo, double hi) {
+    random_state = random_state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return lo + (hi - lo) * (double)(random_state >> 11) * 0x1p-53;
+}
+
+typedef struct node {
+    float position[3], radius, switch_value;
+    mn_cone cone;
+} node;
+
+static mni_bounds bounds_of(const node *n) {
+    return (mni_bounds){n->position, n->radius, n->switch_value, n->cone};
+}
+
+static node random_node(double size) {
+    node n = {.radius = uniform(0, 1) < 0.2 ? 0 : (float)(size * pow(10, uniform(-4, 0))),
+              .switch_value = uniform(0, 1) < 0.1 ? 0 : (float)(size * pow(10, uniform(-7, -1)))};
+    float axis[3];
+    for (int i = 0; i < 3; i++) {
+        n.position[i] = (float)uniform(-size, size);
+        axis[i] = (float)uniform(-1, 1);
+    }
+    n.cone = uniform(0, 1) < 0.1 ? (mn_cone){{0, 0}, UINT16_MAX}
+                                 : mn_cone_make(axis, (float)uniform(0, 1.7));
+    return n;
+}
+
+static mni_lens random_lens(double size, double tolerance_px) {
+    mn_camera camera = {.up = {0, 1, 0}, .fov_y_deg = (float)uniform(10, 120)};
+    double far = pow(10, uniform(-2, 1.5));
+    for (int i = 0; i < 3; i++) {
+        camera.eye[i] = (float)uniform(-far * size, far * size);
+        camera.target[i] = (float)uniform(-size, size);
+    }
+    mni_lens lens;
+    mni_lens_make(&lens, &camera, 1280, 720, size, tolerance_px);
+    return lens;
+}
+
+/* Switch values so that the node is wanted by a hair, or not by one. */
+static void move_to_the_edge(node *n, const mni_lens *lens) {
+    mni_bounds bounds = bounds_of(n);
+    double priority_px = mni_lens_priority(lens, &bounds);
+    double hair = uniform(0, 1) < 0.5 ? 0 : uniform(-1, 1) * pow(10, uniform(-7, -3));
+    if (priority_px > 0 && isfinite(priority_px))
+        n->switch_value *= (float)(lens->tolerance_px / priority_px * (1 + hair));
+}
+
+static uint32_t compare(const mni_sieve *sieve, const mni_lens *lens, const node *nodes) {
+    static mni_sieve_batch batch;
+    uint8_t verdict[MNI_SIEVE_BATCH];
+    uint32_t unsure = 0;
+    for (int i = 0; i < MNI_SIEVE_BATCH; i++)
+        mni_sieve_put(&batch, i, nodes[i].position, nodes[i].radius, nodes[i].switch_value,
+                      nodes[i].cone);
+    mni_sieve_judge(sieve, &batch, verdict);
+    for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+        mni_bounds bounds = bounds_of(&nodes[i]);
+        bool wanted = mni_lens_wants(lens, &bounds);
+        ck_assert_uint_le(verdict[i], MNI_UNWANTED);
+        ck_assert(verdict[i] != MNI_WANTED || wanted);
+        ck_assert(verdict[i] != MNI_UNWANTED || !wanted);
+        unsure += verdict[i] == MNI_UNSURE;
+    }
+    return unsure;
+}
+
+/* Models of any size: what is relative stays relative. */
+START_TEST(never_wrong) {
+    static const double sizes[] = {1, 1e-11, 1e16, 3e5};
+    double size = sizes[_i % 4];
+    uint64_t unsure[2] = {0}, wanted = 0, asked = 0;
+    for (int round = 0; round < 4000; round++) {
+        node nodes[MNI_SIEVE_BATCH];
+        mni_lens lens = random_lens(size, pow(10, uniform(-2, 2)));
+        mni_sieve sieve;
+        mni_sieve_make(&sieve, &lens, (float)size);
+        bool edge = round % 2;
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+            nodes[i] = random_node(size);
+            if (edge)
+                move_to_the_edge(&nodes[i], &lens);
+            mni_bounds bounds = bounds_of(&nodes[i]);
+            wanted += mni_lens_wants(&lens, &bounds);
+        }
+        unsure[edge] += compare(&sieve, &lens, nodes);
+        asked += MNI_SIEVE_BATCH;
+    }
+    ck_assert(wanted > asked / 10 && wanted < asked * 9 / 10);
+    ck_assert_uint_lt(unsure[0], asked / 2 / 50); /* rarely unsure where there is nothing special */
+    ck_assert_uint_gt(unsure[1], asked / 2 / 20); /* the edge was met */
+}
+END_TEST
+
+/* Everything wanted, nothing wanted, and numbers that squares do not hold: unsure or right. */
+START_TEST(limits) {
+    static const double tolerances[] = {-1, 0, 1e-300, 1e300, INFINITY};
+    for (int t = 0; t < 5; t++)
+        for (int round = 0; round < 50; round++) {
+            node nodes[MNI_SIEVE_BATCH];
+            static const double sizes[] = {1, 1e19, 1e-20, 1e-30};
+            double size = sizes[round % 4];
+            mni_lens lens = random_lens(size, tolerances[t]);
+            mni_sieve sieve;
+            mni_sieve_make(&sieve, &lens, (float)size);
+            for (int i = 0; i < MNI_SIEVE_BATCH; i++)
+                nodes[i] = random_node(size);
+            compare(&sieve, &lens, nodes);
+        }
+}
+END_TEST
+
+int main(void) {
+    const char *seed = getenv("MN_SEED");
+    random_state = seed != NULL ? strtoull(seed, NULL, 10) : 20261122;
+    printf("MN_SEED=%llu\n", (unsigned long long)random_state);
+    Suite *suite = suite_create("sieve");
+    TCase *tc = tcase_create("sieve");
+    tcase_set_timeout(tc, 60);
+    tcase_add_loop_test(tc, never_wrong, 0, 4);
+    tcase_add_test(tc, limits);
+    suite_add_tcase(suite, tc);
+    return suite_run(suite);
+}
