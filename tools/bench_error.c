@@ -145,48 +145,26 @@ static bool parse_fronts(const char *text, options *o) {
     return false;
 }
 
+/* -1: help was printed. */
 static int parse(int argc, char **argv, options *o) {
-    enum { FRONTS = 256, SAMPLES, SEED, METRIC, JSON };
-    static const struct option known[] = {{"fronts", required_argument, NULL, FRONTS},
-                                          {"samples", required_argument, NULL, SAMPLES},
-                                          {"seed", required_argument, NULL, SEED},
-                                          {"metric", required_argument, NULL, METRIC},
-                                          {"json", no_argument, NULL, JSON},
-                                          {"help", no_argument, NULL, 'h'},
-                                          {0}};
     static const char *const metrics[] = {"qem", "length", NULL};
-    int option, metric;
-    while ((option = cli_option(argc, argv, "h", known)) != -1) {
-        switch (option) {
-        case FRONTS:
-            if (!parse_fronts(optarg, o))
-                return cli_error(MN_USAGE, "bench error: --fronts '%s' is no list like 50,10,1",
-                                 optarg);
-            break;
-        case SAMPLES:
-            if (!cli_u64(optarg, 1, UINT64_C(1) << 40, &o->samples))
-                return cli_error(MN_USAGE, "bench error: --samples '%s' is no number", optarg);
-            break;
-        case SEED:
-            if (!cli_u64(optarg, 0, UINT64_MAX, &o->seed))
-                return cli_error(MN_USAGE, "bench error: --seed '%s' is no number", optarg);
-            break;
-        case METRIC:
-            if ((metric = cli_choice(optarg, metrics)) < 0)
-                return cli_error(MN_USAGE, "bench error: --metric '%s' is neither qem nor length",
-                                 optarg);
-            o->metric = (mn_metric)metric;
-            break;
-        case JSON:
-            o->as_json = true;
-            break;
-        case 'h':
-            fputs(help, stdout);
-            return -1;
-        default:
-            return MN_USAGE;
-        }
-    }
+    const char *fronts = NULL;
+    int metric = 0;
+    bool done;
+    const cli_flag flags[] = {
+        CLI_TEXT("fronts", &fronts),
+        CLI_WHOLE("samples", &o->samples, 1, UINT64_C(1) << 40, "a number from 1 to 2^40"),
+        CLI_WHOLE("seed", &o->seed, 0, UINT64_MAX, "a whole number"),
+        CLI_CHOICE("metric", &metric, metrics, "qem or length"),
+        CLI_SWITCH("json", &o->as_json),
+        {0},
+    };
+    const mn_code code = cli_flags(argc, argv, flags, help, &done);
+    if (code != MN_OK || done)
+        return done ? -1 : (int)code;
+    o->metric = (mn_metric)metric;
+    if (fronts != NULL && !parse_fronts(fronts, o))
+        return cli_error(MN_USAGE, "bench error: --fronts '%s' is not a list like 50,10,1", fronts);
     if (optind == argc)
         return cli_error(MN_USAGE, "bench error: of which file? see metanode bench error --help");
     return MN_OK;

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <float.h>
 #include <math.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -43,6 +44,70 @@ int cli_option(int argc, char **argv, const char *short_options, const struct op
         cli_error(MN_USAGE, "%s: unknown option %s; see metanode %s --help", argv[0],
                   argv[optind - 1], argv[0]);
     return found == ':' ? '?' : found;
+}
+
+const char *const cli_on_off[] = {"on", "off", NULL};
+
+static bool take_value(const cli_flag *flag) {
+    double length = 0;
+    int choice = 0;
+    bool good = true;
+    switch (flag->kind) {
+    case CLI_IS_SWITCH:
+        *(bool *)flag->to = true;
+        break;
+    case CLI_IS_TEXT:
+        *(const char **)flag->to = optarg;
+        break;
+    case CLI_IS_WHOLE:
+        good = cli_u64(optarg, flag->min, flag->max, flag->to);
+        break;
+    case CLI_IS_LENGTH:
+        good = cli_double(optarg, 0, FLT_MAX, &length);
+        *(float *)flag->to = (float)length;
+        break;
+    case CLI_IS_CHOICE:
+        choice = cli_choice(optarg, flag->names);
+        good = choice >= 0;
+        *(int *)flag->to = choice;
+        break;
+    }
+    return good;
+}
+
+mn_code cli_flags(int argc, char **argv, const cli_flag *flags, const char *help, bool *done) {
+    enum { HELP = 'h', FIRST = 256 };
+    struct option options[CLI_FLAGS_MAX + 2] = {0};
+    char letters[2 * CLI_FLAGS_MAX + 2];
+    int count = 0, found, length = snprintf(letters, sizeof letters, "%c", HELP);
+    for (; flags[count].name != NULL; count++) {
+        const cli_flag *flag = &flags[count];
+        const int argument = flag->kind == CLI_IS_SWITCH ? no_argument : required_argument;
+        options[count] = (struct option){flag->name, argument, NULL, FIRST + count};
+        if (flag->letter != 0)
+            length += snprintf(letters + length, sizeof letters - (size_t)length, "%c%s",
+                               flag->letter, argument == no_argument ? "" : ":");
+    }
+    options[count] = (struct option){"help", no_argument, NULL, HELP};
+    *done = false;
+    while ((found = cli_option(argc, argv, letters, options)) != -1) {
+        int at = found - FIRST;
+        for (int i = 0; i < count && found < FIRST; i++)
+            at = flags[i].letter == found ? i : at;
+        if (found == HELP) {
+            fputs(help, stdout);
+            *done = true;
+            return MN_OK;
+        }
+        if (at < 0)
+            return MN_USAGE;
+        if (!take_value(&flags[at]))
+            return (mn_code)cli_error(MN_USAGE, "%s: --%s '%s' is not %s", argv[0], flags[at].name,
+                                      optarg, flags[at].wants);
+        if (flags[at].given != NULL)
+            ++*flags[at].given;
+    }
+    return MN_OK;
 }
 
 bool cli_double(const char *text, double min, double max, double *value) {

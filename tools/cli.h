@@ -37,6 +37,40 @@ int cli_status(const mn_status *st); /* the same of a status; MN_OK prints nothi
 /* getopt_long without its own messages: -1 at the end; '?' has been reported (exit MN_USAGE). */
 int cli_option(int argc, char **argv, const char *short_options, const struct option *options);
 
+/* An option as a row of a table, and where its value goes, which holds the default before. */
+typedef enum cli_kind {
+    CLI_IS_SWITCH, /* bool: given */
+    CLI_IS_TEXT,   /* const char * */
+    CLI_IS_WHOLE,  /* uint64_t in min … max */
+    CLI_IS_LENGTH, /* float, 0 or more */
+    CLI_IS_CHOICE, /* int: which of names, NULL at their end */
+} cli_kind;
+typedef struct cli_flag {
+    const char *name; /* long; NULL ends the table */
+    char letter;      /* 0: none */
+    cli_kind kind;
+    void *to;
+    uint64_t min, max;
+    const char *const *names;
+    const char *wants; /* what a bad value is not: "on or off" */
+    int *given;        /* counts how often it is given; NULL: nobody asks */
+} cli_flag;
+#define CLI_SWITCH(name_, to_)                                                                     \
+    { .name = name_, .kind = CLI_IS_SWITCH, .to = to_ }
+#define CLI_TEXT(name_, to_)                                                                       \
+    { .name = name_, .kind = CLI_IS_TEXT, .to = to_ }
+#define CLI_OUTPUT(to_)                                                                            \
+    { .name = "output", .letter = 'o', .kind = CLI_IS_TEXT, .to = to_ }
+#define CLI_WHOLE(name_, to_, min_, max_, wants_)                                                  \
+    { .name = name_, .kind = CLI_IS_WHOLE, .to = to_, .min = min_, .max = max_, .wants = wants_ }
+#define CLI_CHOICE(name_, to_, names_, wants_)                                                     \
+    { .name = name_, .kind = CLI_IS_CHOICE, .to = to_, .names = names_, .wants = wants_ }
+enum { CLI_FLAGS_MAX = 16 };
+extern const char *const cli_on_off[]; /* names: 0 on, 1 off; as mn_weld */
+/* Reads the options; optind is then at the first word that is none. MN_USAGE has been said. *done:
+ * help was asked for, and printed. */
+mn_code cli_flags(int argc, char **argv, const cli_flag *flags, const char *help, bool *done);
+
 /* "16M", "1.5G", "4096": powers of 1024. false: not a size, or 0, or above 2^62. */
 bool cli_size(const char *text, uint64_t *bytes);
 bool cli_u64(const char *text, uint64_t min, uint64_t max, uint64_t *value);

@@ -76,46 +76,23 @@ static int compare_meshes(char **file, const mn_read_desc *read, uint64_t sample
 }
 
 int cmd_compare(int argc, char **argv) {
-    enum { SAMPLES = 256, SEED, WELD, JSON };
-    static const struct option options[] = {{"samples", required_argument, NULL, SAMPLES},
-                                            {"seed", required_argument, NULL, SEED},
-                                            {"weld", required_argument, NULL, WELD},
-                                            {"json", no_argument, NULL, JSON},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {0}};
-    static const char *const on_off[] = {"on", "off", NULL};
     uint64_t samples = 1000000, seed = 0;
-    cli_meter meter = {0};
-    mn_read_desc read = {.progress = cli_progress, .progress_context = &meter};
-    bool as_json = false;
-    int option, weld;
-    while ((option = cli_option(argc, argv, "h", options)) != -1) {
-        switch (option) {
-        case SAMPLES:
-            if (!cli_u64(optarg, 1, UINT64_C(1) << 40, &samples))
-                return cli_error(MN_USAGE, "compare: --samples '%s' is no number from 1 to 2^40",
-                                 optarg);
-            break;
-        case SEED:
-            if (!cli_u64(optarg, 0, UINT64_MAX, &seed))
-                return cli_error(MN_USAGE, "compare: --seed '%s' is no whole number", optarg);
-            break;
-        case WELD:
-            if ((weld = cli_choice(optarg, on_off)) < 0)
-                return cli_error(MN_USAGE, "compare: --weld '%s' is neither on nor off", optarg);
-            read.weld = (mn_weld)weld;
-            break;
-        case JSON:
-            as_json = true;
-            break;
-        case 'h':
-            fputs(help, stdout);
-            return MN_OK;
-        default:
-            return MN_USAGE;
-        }
-    }
+    int weld = MN_WELD_ON;
+    bool as_json = false, done;
+    const cli_flag flags[] = {
+        CLI_WHOLE("samples", &samples, 1, UINT64_C(1) << 40, "a number from 1 to 2^40"),
+        CLI_WHOLE("seed", &seed, 0, UINT64_MAX, "a whole number"),
+        CLI_CHOICE("weld", &weld, cli_on_off, "on or off"),
+        CLI_SWITCH("json", &as_json),
+        {0},
+    };
+    const mn_code code = cli_flags(argc, argv, flags, help, &done);
+    if (code != MN_OK || done)
+        return (int)code;
     if (argc - optind != 2)
         return cli_error(MN_USAGE, "compare: give two meshes; see metanode compare --help");
+    cli_meter meter = {0};
+    const mn_read_desc read = {
+        .weld = (mn_weld)weld, .progress = cli_progress, .progress_context = &meter};
     return compare_meshes(argv + optind, &read, samples, seed, as_json);
 }

@@ -1,7 +1,6 @@
 /* metanode extract: a mesh out of a .mnt or .vdt. Thin over mn_tree_extract. */
 #include "cli.h"
 
-#include <float.h>
 #include <stdio.h>
 
 #include "json.h"
@@ -46,54 +45,36 @@ static mn_code extract(const char *in, const char *out, const mn_extract_desc *d
 }
 
 int cmd_extract(int argc, char **argv) {
-    enum { FULL = 256, TRIANGLES, ERROR, JSON };
-    static const struct option options[] = {{"full", no_argument, NULL, FULL},
-                                            {"triangles", required_argument, NULL, TRIANGLES},
-                                            {"error", required_argument, NULL, ERROR},
-                                            {"output", required_argument, NULL, 'o'},
-                                            {"json", no_argument, NULL, JSON},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {0}};
     mn_extract_desc desc = {0};
     const char *out = NULL;
-    int option, fronts = 0;
-    bool as_json = false;
-    double error;
-    while ((option = cli_option(argc, argv, "o:h", options)) != -1) {
-        switch (option) {
-        case FULL:
-            desc.what = MN_EXTRACT_FULL;
-            fronts++;
-            break;
-        case TRIANGLES:
-            if (!cli_u64(optarg, 0, UINT64_MAX, &desc.triangles))
-                return cli_error(MN_USAGE, "extract: --triangles '%s' is no whole number", optarg);
-            desc.what = MN_EXTRACT_TRIANGLES;
-            fronts++;
-            break;
-        case ERROR:
-            if (!cli_double(optarg, 0, FLT_MAX, &error))
-                return cli_error(MN_USAGE, "extract: --error '%s' is no length", optarg);
-            desc.what = MN_EXTRACT_ERROR;
-            desc.error = (float)error;
-            fronts++;
-            break;
-        case 'o':
-            out = optarg;
-            break;
-        case JSON:
-            as_json = true;
-            break;
-        case 'h':
-            fputs(help, stdout);
-            return MN_OK;
-        default:
-            return MN_USAGE;
-        }
-    }
+    bool full = false, as_json = false, done;
+    int by_count = 0, by_error = 0;
+    const cli_flag flags[] = {
+        CLI_SWITCH("full", &full),
+        {.name = "triangles",
+         .kind = CLI_IS_WHOLE,
+         .to = &desc.triangles,
+         .max = UINT64_MAX,
+         .wants = "a whole number",
+         .given = &by_count},
+        {.name = "error",
+         .kind = CLI_IS_LENGTH,
+         .to = &desc.error,
+         .wants = "a length",
+         .given = &by_error},
+        CLI_OUTPUT(&out),
+        CLI_SWITCH("json", &as_json),
+        {0},
+    };
+    const mn_code code = cli_flags(argc, argv, flags, help, &done);
+    if (code != MN_OK || done)
+        return (int)code;
+    desc.what = by_count > 0   ? MN_EXTRACT_TRIANGLES
+                : by_error > 0 ? MN_EXTRACT_ERROR
+                               : MN_EXTRACT_FULL;
     if (optind + 1 != argc)
         return cli_error(MN_USAGE, "extract: one file, please; see metanode extract --help");
-    if (fronts != 1)
+    if (full + (by_count > 0) + (by_error > 0) != 1)
         return cli_error(MN_USAGE, "extract: give one of --full, --triangles N, --error E");
     if (out == NULL)
         return cli_error(MN_USAGE, "extract: where to? give -o OUT.ply");

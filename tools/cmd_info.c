@@ -105,19 +105,11 @@ static mn_code info_vdt(const char *file, bool as_json, mn_status *st) {
 }
 
 int cmd_info(int argc, char **argv) {
-    static const struct option options[] = {
-        {"json", no_argument, NULL, 'j'}, {"help", no_argument, NULL, 'h'}, {0}};
-    bool as_json = false;
-    int option;
-    while ((option = cli_option(argc, argv, "h", options)) != -1) {
-        if (option == 'j')
-            as_json = true;
-        else if (option == 'h') {
-            fputs(help, stdout);
-            return MN_OK;
-        } else
-            return MN_USAGE;
-    }
+    bool as_json = false, done;
+    const cli_flag flags[] = {CLI_SWITCH("json", &as_json), {0}};
+    const mn_code code = cli_flags(argc, argv, flags, help, &done);
+    if (code != MN_OK || done)
+        return (int)code;
     if (optind + 1 != argc)
         return cli_error(MN_USAGE, "info: one file, please; see metanode info --help");
     const char *file = argv[optind];

@@ -61,39 +61,20 @@ static int make_shape(int argc, char **argv, const mn_make_desc *desc_in, const 
 }
 
 int cmd_make(int argc, char **argv) {
-    enum { TRIANGLES = 256, SEED, TIMES };
-    static const struct option options[] = {
-        {"output", required_argument, NULL, 'o'}, {"triangles", required_argument, NULL, TRIANGLES},
-        {"seed", required_argument, NULL, SEED},  {"times", required_argument, NULL, TIMES},
-        {"help", no_argument, NULL, 'h'},         {0}};
     mn_make_desc desc = {0};
     const char *out = NULL;
     uint64_t times = 0;
-    int option;
-    while ((option = cli_option(argc, argv, "o:h", options)) != -1) {
-        switch (option) {
-        case 'o':
-            out = optarg;
-            break;
-        case TRIANGLES:
-            if (!cli_u64(optarg, 1, UINT64_MAX, &desc.triangles))
-                return cli_error(MN_USAGE, "make: --triangles '%s' is no number above 0", optarg);
-            break;
-        case SEED:
-            if (!cli_u64(optarg, 0, UINT64_MAX, &desc.seed))
-                return cli_error(MN_USAGE, "make: --seed '%s' is no whole number", optarg);
-            break;
-        case TIMES:
-            if (!cli_u64(optarg, 1, 15, &times))
-                return cli_error(MN_USAGE, "make: --times '%s' is not in 1 … 15", optarg);
-            break;
-        case 'h':
-            fputs(help, stdout);
-            return MN_OK;
-        default:
-            return MN_USAGE;
-        }
-    }
+    bool done;
+    const cli_flag flags[] = {
+        CLI_OUTPUT(&out),
+        CLI_WHOLE("triangles", &desc.triangles, 1, UINT64_MAX, "a number above 0"),
+        CLI_WHOLE("seed", &desc.seed, 0, UINT64_MAX, "a whole number"),
+        CLI_WHOLE("times", &times, 1, 15, "in 1 … 15"),
+        {0},
+    };
+    const mn_code code = cli_flags(argc, argv, flags, help, &done);
+    if (code != MN_OK || done)
+        return (int)code;
     if (optind >= argc)
         return cli_error(MN_USAGE, "make: which shape? metanode make --help lists them");
     if (out == NULL)

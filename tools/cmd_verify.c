@@ -19,7 +19,6 @@ static const char help[] =
     "  --reader own|openmesh\n"
     "  --json          figures as one JSON object\n";
 
-static const char *const weld_names[] = {"on", "off", NULL};
 static const char *const reader_names[] = {"own", "openmesh", NULL};
 
 /* How many vertices the file holds; 0: it cannot be told, verify will say why. */
@@ -71,41 +70,19 @@ static void report(const char *file, const char *against, const mn_verify_result
 }
 
 int cmd_verify(int argc, char **argv) {
-    enum { AGAINST = 256, WELD, READER, JSON };
-    static const struct option options[] = {{"against", required_argument, NULL, AGAINST},
-                                            {"weld", required_argument, NULL, WELD},
-                                            {"reader", required_argument, NULL, READER},
-                                            {"json", no_argument, NULL, JSON},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {0}};
     const char *against = NULL;
-    int weld = -1, reader = 0, option;
-    bool as_json = false;
-    while ((option = cli_option(argc, argv, "h", options)) != -1) {
-        switch (option) {
-        case AGAINST:
-            against = optarg;
-            break;
-        case WELD:
-            weld = cli_choice(optarg, weld_names);
-            if (weld < 0)
-                return cli_error(MN_USAGE, "verify: --weld '%s' is not on or off", optarg);
-            break;
-        case READER:
-            reader = cli_choice(optarg, reader_names);
-            if (reader < 0)
-                return cli_error(MN_USAGE, "verify: --reader '%s' is not own or openmesh", optarg);
-            break;
-        case JSON:
-            as_json = true;
-            break;
-        case 'h':
-            fputs(help, stdout);
-            return MN_OK;
-        default:
-            return MN_USAGE;
-        }
-    }
+    int weld = -1, reader = 0;
+    bool as_json = false, done;
+    const cli_flag flags[] = {
+        CLI_TEXT("against", &against),
+        CLI_CHOICE("weld", &weld, cli_on_off, "on or off"),
+        CLI_CHOICE("reader", &reader, reader_names, "own or openmesh"),
+        CLI_SWITCH("json", &as_json),
+        {0},
+    };
+    mn_code code = cli_flags(argc, argv, flags, help, &done);
+    if (code != MN_OK || done)
+        return (int)code;
     if (optind + 1 != argc)
         return cli_error(MN_USAGE, "verify: one file, please; see metanode verify --help");
     const char *file = argv[optind];
@@ -117,7 +94,6 @@ int cmd_verify(int argc, char **argv) {
     mn_verify_result result;
     mn_mesh mesh;
     mn_status st = {0};
-    mn_code code = MN_OK;
     if (against != NULL)
         code = read_input(file, against, &desc, weld, &mesh, &st);
     if (code == MN_OK) {
