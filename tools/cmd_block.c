@@ -7,7 +7,7 @@ static const char help[] =
     "into blocks.\n\n"
     "  -o FILE               the .mnt; what stood there stays until the new one is whole\n"
     "  --blocking packed|levels   blocks of fixed bytes, filled (default), or of L levels\n"
-    "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 16K\n"
+    "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 8K\n"
     "  -L N                  levels: 1 … 16, default 5\n"
     "  --json                figures as one JSON object\n";
 

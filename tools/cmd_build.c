@@ -9,7 +9,7 @@ static const char help[] =
     "  --ram SIZE            cap for the whole process; default: half of the memory\n"
     "  --metric qem|length   what a collapse costs: quadric error (default) or edge length\n"
     "  --blocking packed|levels   blocks of fixed bytes, filled (default), or of L levels\n"
-    "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 16K\n"
+    "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 8K\n"
     "  -L N                  levels: 1 … 16, default 5\n"
     "  --weld on|off         vertices at equal positions become one (default), or not\n"
     "  --reader own|openmesh\n"

@@ -137,7 +137,7 @@ bool mn_tree_is_vdt(const char *path);
 typedef struct mn_block_desc {
     mn_blocking blocking; /* default packed */
     uint32_t l;           /* levels only; 0: 5; 1 … 16 */
-    uint32_t block_bytes; /* packed only; 0: 16384; a multiple of 4096 in 4096 … 1 MiB */
+    uint32_t block_bytes; /* packed only; 0: 8192; a multiple of 4096 in 4096 … 1 MiB */
     mn_progress progress;
     void *progress_context;
 } mn_block_desc;

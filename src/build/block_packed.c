@@ -1,23 +1,26 @@
 /* Policy `packed`: blocks of fixed bytes, filled with several sibling subtrees of one parent block.
  *
- * A block gets its list of subtrees from its parent block, then its nodes, then groups its exits
- * into the lists of its child blocks:
+ * A block gets its list of subtrees from its parent block, takes nodes from their tops, latest
+ * collapse first, until it is full, and cuts what is left below, its exits, into runs of
+ * neighbours, one a child block:
  *
- *     exits of a block          child blocks
- *     small: fits whole   ──►   bins, first-fit: whole subtrees, nothing below
- *     big: does not       ──►   groups of neighbours with ROOM_BELOW blocks' worth of nodes: their
- *                               tops, best first (largest switch value next), until the block is
- * full a bin that stays    ──►   into the groups, where room is: fewer tops, no block half empty
- *     half empty
+ *     exits of a block, by leaf id:   e e e e | e e e e e | e e e
+ *                                       └ child   └ child   └ child
  *
- * A group must be worth several blocks, because what is left below it ends in bins, of which the
- * last is half empty on average. Leaving a big subtree alone in a group of little more than one
- * block costs a block in two; ROOM_BELOW = 16 leaves 8 % of 4 KiB blocks empty, 4 % of 16 KiB ones.
+ * - Latest collapse first, because fronts are closed under the implicit dependencies, which compare
+ *   order ids: nodes with near ids in one place are active together. (By switch value, a front of
+ *   the same camera kept 1.2 times the blocks in use.)
+ * - A run has RUN_LEAST subtrees or more where it can: a front that passes just below their roots
+ *   finds as many active nodes in the block, where one deep subtree would give it two.
+ * - Runs are cut so that few blocks are left half empty: what stands below a run is some number of
+ *   blocks, of which the last is filled by a remainder, so cuts are chosen by dynamic programming
+ *   to have the remainders large. A run that fits one block whole is measured, not estimated.
  *
  * Hides: the grouping, and the room kept for references, whose number is known only after the exits
  * are grouped: a block that then turns out too long is filled again with more room kept.
  * Order: one call on an open plan. One thread. Memory: a few words an exit of one block.
  * Paper: §3.2, and what design.md §3.4 says of it. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -25,48 +28,46 @@
 #include "plan.h"
 
 enum {
-    ROOM_BELOW = 16,       /* blocks' worth of nodes that a group of big subtrees holds at least */
-    OPEN_BINS = 12,        /* bins that first-fit looks at: neighbours stay together */
+    RUN_LEAST = 16,        /* subtrees in a run, where that many can be had */
+    SUBTREE_BYTES = 30,    /* of a subtree's root besides its node */
     TRIES_MAX = 24,        /* nodes that did not fit before a block counts as full */
     START_NODE_BYTES = 40, /* a node with its simplices, before any block has been measured */
 };
 /* References kept room for, as a share of exits; the last always suffices. */
 static const double ref_share[] = {0.06, 0.25, 0.6, 1};
 enum { REF_SHARES = sizeof ref_share / sizeof ref_share[0] };
+static const double TOP_SHARE = 0.4, /* of a block, for the roots of its subtrees at most */
+    FEW_COST = 0.5, /* blocks that a run of one subtree may cost less than one of RUN_LEAST */
+    CAUTION = 0.1,  /* estimates of bytes are off by 0.06 (standard deviation) */
+    FORESEEN = 6;   /* blocks below a run whose remainder can be foreseen */
 
 typedef struct candidate {
-    float switch_value;
     uint32_t node, depth;
 } candidate;
 
-/* What a walk over a whole subtree still has before it. */
-typedef struct step {
-    uint32_t node, depth;
-} step;
-
-typedef struct bin {
-    mni_tally tally;
-    uint64_t weight; /* nodes */
-    uint32_t order;  /* of its child block among its siblings, once that exists */
-    bool is_group, open;
-    uint32_t exits; /* how many were put in */
-} bin;
+/* A place where exits may be cut: before exit i. */
+typedef struct cut {
+    uint64_t nodes; /* of all exits before it */
+    double cost;    /* blocks' worth of room that the best runs from here on leave empty */
+    uint32_t next;  /* where the run that begins here ends */
+} cut;
 
 typedef struct packer {
     mni_plan *plan;
     mn_status *st;
     uint32_t limit;     /* bytes that columns may end at */
-    double node_bytes;  /* as measured in the block above */
+    double node_bytes;  /* of a node in the block above */
+    double whole_bytes; /* of a node in a block that ends all its subtrees: a running mean */
     mni_tally tally;    /* of the block being filled */
     uint32_t overflows; /* its nodes that overflow */
     candidate *heap;
     uint32_t waiting, heap_capacity;
-    mni_plan_root *exit; /* of the block being filled; whole: fits whole */
-    uint32_t *bin_of;
+    mni_plan_root *exit; /* of the block being filled */
     uint32_t exits, exits_capacity;
-    bin *bin;
-    uint32_t bins, bins_capacity;
-    step *stack; /* at most an entry a level and one: whole subtrees are MNI_BLOCK_DEPTH_MAX deep */
+    cut *cut; /* exits + 1 */
+    uint32_t cuts_capacity;
+    uint32_t run_most; /* subtrees in a run that does not fit whole */
+    candidate *stack;  /* an entry a level and one: whole subtrees are MNI_BLOCK_DEPTH_MAX deep */
 } packer;
 
 static mn_code no_memory(packer *p) {
@@ -125,9 +126,9 @@ static bool tally_add_whole(packer *p, mni_tally *tally, const mni_plan_root *ro
         return false;
     mni_plan_subtree(p->plan, root, &record);
     mni_tally_subtree(tally, &record);
-    p->stack[waiting++] = (step){root->node, 0};
+    p->stack[waiting++] = (candidate){root->node, 0};
     while (waiting > 0) {
-        step from = p->stack[--waiting];
+        candidate from = p->stack[--waiting];
         uint32_t node = from.node;
         if (overflows(p, node))
             return false; /* rare: let it be filled node by node, where references are counted */
@@ -138,7 +139,7 @@ static bool tally_add_whole(packer *p, mni_tally *tally, const mni_plan_root *ro
                 continue;
             if (from.depth + 1 >= MNI_BLOCK_DEPTH_MAX)
                 return false;
-            p->stack[waiting++] = (step){child, from.depth + 1};
+            p->stack[waiting++] = (candidate){child, from.depth + 1};
         }
         if (tally->nodes % 16 == 0) { /* without exits, which come and go, it only grows */
             mni_tally least = *tally;
@@ -153,14 +154,13 @@ static bool tally_add_whole(packer *p, mni_tally *tally, const mni_plan_root *ro
 /* ---- the nodes of a block ------------------------------------------------------------------- */
 
 static bool heap_above(const candidate *a, const candidate *b) {
-    return a->switch_value != b->switch_value ? a->switch_value > b->switch_value
-                                              : a->node > b->node;
+    return a->node > b->node;
 }
 
 static bool heap_push(packer *p, uint32_t node, uint32_t depth) {
     if (!room_for((void **)&p->heap, p->waiting + 1, &p->heap_capacity, sizeof *p->heap))
         return false;
-    candidate added = {p->plan->tree->switch_value[node], node, depth};
+    candidate added = {node, depth};
     uint32_t at = p->waiting++;
     while (at > 0 && heap_above(&added, &p->heap[(at - 1) / 2])) {
         p->heap[at] = p->heap[(at - 1) / 2];
@@ -196,14 +196,14 @@ static mn_code push_children(packer *p, uint32_t node, uint32_t depth) {
 
 static void take_whole(packer *p, uint32_t block, uint32_t root) {
     uint32_t waiting = 0;
-    p->stack[waiting++] = (step){root, 0};
+    p->stack[waiting++] = (candidate){root, 0};
     while (waiting > 0) {
         uint32_t node = p->stack[--waiting].node;
         p->plan->block_of[node] = block;
         for (uint32_t side = 2; side-- > 0;) {
             uint32_t child = mni_plan_child(p->plan->tree, node, side);
             if (child != MN_NONE)
-                p->stack[waiting++] = (step){child, 0};
+                p->stack[waiting++] = (candidate){child, 0};
         }
     }
 }
@@ -255,12 +255,10 @@ static mn_code fill(packer *p, uint32_t block, double share) {
     return MN_OK;
 }
 
-/* ---- exits into bins ------------------------------------------------------------------------ */
+/* ---- exits into runs ------------------------------------------------------------------------ */
 
 static mn_code add_exit(packer *p, uint32_t node) {
-    uint32_t capacity = p->exits_capacity;
-    if (!room_for((void **)&p->exit, p->exits + 1, &p->exits_capacity, sizeof *p->exit) ||
-        !room_for((void **)&p->bin_of, p->exits + 1, &capacity, sizeof *p->bin_of))
+    if (!room_for((void **)&p->exit, p->exits + 1, &p->exits_capacity, sizeof *p->exit))
         return no_memory(p);
     p->exit[p->exits++] = (mni_plan_root){node, p->plan->tree->leaf_lo[node], false};
     return MN_OK;
@@ -285,154 +283,95 @@ static mn_code list_exits(packer *p) {
     return MN_OK;
 }
 
-static bin *new_bin(packer *p, bool is_group) {
-    if (!room_for((void **)&p->bin, p->bins + 1, &p->bins_capacity, sizeof *p->bin))
-        return NULL;
-    bin *b = &p->bin[p->bins++];
-    *b = (bin){.is_group = is_group, .open = true, .order = MN_NONE};
-    mni_tally_init(&b->tally, p->plan->tree->leaf_color != NULL);
-    return b;
+/* What the subtrees of a run would take, whole: in blocks. */
+static double run_blocks(const packer *p, uint32_t first, uint32_t next) {
+    return (double)(p->cut[next].nodes - p->cut[first].nodes) * p->whole_bytes / p->limit;
 }
 
-/* Does the subtree fit whole beside what is in the bin? Then it is put in. */
-static bool put_whole(packer *p, uint32_t exit, uint32_t to, uint32_t refs, uint32_t limit) {
-    bin *b = &p->bin[to];
-    double bytes = (double)inner_below(p->plan->tree, p->exit[exit].node) * p->node_bytes;
-    if (bytes + (double)mni_tally_bytes(&b->tally, refs) > 1.3 * limit)
-        return false; /* not even nearly */
-    mni_tally with = b->tally;
-    if (!tally_add_whole(p, &with, &p->exit[exit]) || mni_tally_bytes(&with, refs) > limit)
-        return false;
-    b->tally = with;
-    b->exits++;
-    p->bin_of[exit] = to;
-    p->exit[exit].whole = true;
-    return true;
+/* What a run costs, in blocks: the room that the last block below it leaves empty, and half a block
+ * for having a single subtree. */
+static double run_cost(const packer *p, uint32_t first, uint32_t next) {
+    double lacking = 1 - (double)(next - first) / RUN_LEAST;
+    double few = lacking > 0 ? FEW_COST * lacking : 0;
+    double blocks = run_blocks(p, first, next);
+    if (blocks <= 1)
+        return few + 1 - blocks;
+    blocks -= p->whole_bytes / p->node_bytes; /* its own nodes, dearer for their exits */
+    if (blocks > FORESEEN)
+        return few + 0.5;
+    blocks = blocks > 0 ? blocks * (1 + CAUTION) : 0; /* one too many costs a whole block */
+    return few + 1 - (blocks - floor(blocks));
 }
 
-/* First-fit of the small ones, in the order of the leaves, into few open bins. */
-static mn_code bin_small(packer *p) {
-    uint32_t first_open = 0;
-    for (uint32_t e = 0; e < p->exits; e++) {
-        p->bin_of[e] = MN_NONE;
-        uint32_t open = 0, fullest = MN_NONE;
-        uint64_t most = 0;
-        for (uint32_t b = first_open; b < p->bins && p->bin_of[e] == MN_NONE; b++) {
-            if (!p->bin[b].open)
-                continue;
-            uint64_t bytes = mni_tally_bytes(&p->bin[b].tally, 0);
-            open++;
-            if (bytes > most) {
-                most = bytes;
-                fullest = b;
-            }
-            put_whole(p, e, b, 0, p->limit);
-        }
-        if (p->bin_of[e] != MN_NONE)
-            continue;
-        if (new_bin(p, false) == NULL)
-            return no_memory(p);
-        if (!put_whole(p, e, p->bins - 1, 0, p->limit))
-            p->bins--; /* a big one */
-        else if (open >= OPEN_BINS)
-            p->bin[fullest].open = false;
-        while (first_open < p->bins && !p->bin[first_open].open)
-            first_open++;
-    }
-    return MN_OK;
-}
-
-/* Does a big one's root fit into the group? Then it is put in. */
-static bool put_top(packer *p, uint32_t exit, uint32_t to) {
-    bin *b = &p->bin[to];
-    mni_tally with = b->tally;
-    mni_subtree record;
-    mni_plan_subtree(p->plan, &p->exit[exit], &record);
-    mni_tally_subtree(&with, &record);
-    tally_add(p, &with, p->exit[exit].node, false);
-    uint32_t refs = with.exits + with.subtrees; /* the latter in case that roots overflow */
-    if (b->exits > 0 && (!fits(p, &with, refs) || mni_tally_bytes(&with, refs) > p->limit / 2))
-        return false;
-    b->tally = with;
-    b->exits++;
-    b->weight += inner_below(p->plan->tree, p->exit[exit].node);
-    p->bin_of[exit] = to;
-    return true;
-}
-
-static mn_code group_big(packer *p) {
-    double enough = ROOM_BELOW * (double)p->limit / p->node_bytes;
-    uint32_t group = MN_NONE;
-    for (uint32_t e = 0; e < p->exits; e++) {
-        if (p->bin_of[e] != MN_NONE)
-            continue;
-        if (group != MN_NONE && (double)p->bin[group].weight < enough && put_top(p, e, group))
-            continue;
-        if (new_bin(p, true) == NULL)
-            return no_memory(p);
-        group = p->bins - 1;
-        bool fitted = put_top(p, e, group);
-        MN_ASSERT(fitted);
-    }
-    return MN_OK;
-}
-
-/* Moves what is in half-empty bins into groups, where half a block is for it at most. */
-static void spread(packer *p) {
-    for (uint32_t e = 0; e < p->exits; e++) {
-        uint32_t from = p->bin_of[e];
-        if (p->bin[from].is_group || mni_tally_bytes(&p->bin[from].tally, 0) > 0.9 * p->limit)
-            continue;
-        for (uint32_t g = 0; g < p->bins; g++)
-            if (p->bin[g].is_group &&
-                put_whole(p, e, g, p->bin[g].tally.exits + p->bin[g].tally.subtrees,
-                          p->limit / 2)) {
-                p->bin[from].exits--;
-                break;
-            }
-    }
-}
-
-/* A child block for each bin, in the order of their first exits. */
-static mn_code plan_bins(packer *p, uint32_t block) {
-    mni_plan *plan = p->plan;
-    uint32_t orders = 0;
+/* From the last exit to the first: where the run that begins there is best cut. */
+static mn_code plan_cuts(packer *p) {
+    if (!room_for((void **)&p->cut, p->exits + 1, &p->cuts_capacity, sizeof *p->cut))
+        return no_memory(p);
+    p->run_most = (uint32_t)(TOP_SHARE * p->limit / (p->node_bytes + SUBTREE_BYTES)) + 1;
+    p->cut[0].nodes = 0;
     for (uint32_t e = 0; e < p->exits; e++)
-        if (p->bin[p->bin_of[e]].order == MN_NONE)
-            p->bin[p->bin_of[e]].order = orders++;
-    /* exits come in the order of their leaves; a counting sort by block keeps that inside one */
-    uint32_t *at = calloc(orders + 1, sizeof *at);
-    uint32_t *sorted = malloc(sizeof *sorted * (p->exits + 1));
-    mn_code code = at == NULL || sorted == NULL ? no_memory(p) : MN_OK;
-    if (code == MN_OK) {
-        for (uint32_t e = 0; e < p->exits; e++)
-            at[p->bin[p->bin_of[e]].order + 1]++;
-        for (uint32_t o = 0; o < orders; o++)
-            at[o + 1] += at[o];
-        for (uint32_t e = 0; e < p->exits; e++)
-            sorted[at[p->bin[p->bin_of[e]].order]++] = e;
+        p->cut[e + 1].nodes = p->cut[e].nodes + inner_below(p->plan->tree, p->exit[e].node);
+    p->cut[p->exits].cost = 0;
+    for (uint32_t e = p->exits; e-- > 0;) {
+        p->cut[e].cost = INFINITY;
+        for (uint32_t next = e + 1; next <= p->exits; next++) {
+            if (next - e > p->run_most && run_blocks(p, e, next) > 1)
+                break;
+            double cost = p->cut[next].cost + run_cost(p, e, next);
+            if (cost < p->cut[e].cost) {
+                p->cut[e].cost = cost;
+                p->cut[e].next = next;
+            }
+        }
     }
-    for (uint32_t i = 0; i < p->exits && code == MN_OK; i++) {
-        uint32_t made, e = sorted[i];
-        if (i == 0 || p->bin_of[sorted[i - 1]] != p->bin_of[e])
-            code = mni_plan_block(plan, block, &made, p->st);
-        if (code == MN_OK)
-            code = mni_plan_root_add(plan, p->exit[e], p->st);
-    }
-    free(at);
-    free(sorted);
-    return code;
+    return MN_OK;
 }
 
+/* Does the run fit one block whole? */
+static bool run_fits(packer *p, uint32_t first, uint32_t next) {
+    mni_tally tally;
+    if (run_blocks(p, first, next) > 1.3)
+        return false; /* not even nearly */
+    mni_tally_init(&tally, p->plan->tree->leaf_color != NULL);
+    for (uint32_t e = first; e < next; e++)
+        if (!tally_add_whole(p, &tally, &p->exit[e]))
+            return false;
+    uint64_t bytes = mni_tally_bytes(&tally, 0);
+    if (bytes > p->limit / 2) /* the head counts too much in a short one */
+        p->whole_bytes += ((double)bytes / tally.nodes - p->whole_bytes) / 64;
+    return true;
+}
+
+/* Do the roots of a run's subtrees fit one block? A single one does: what it lacks overflows. */
+static bool tops_fit(packer *p, uint32_t first, uint32_t next) {
+    mni_tally tally;
+    mni_tally_init(&tally, p->plan->tree->leaf_color != NULL);
+    for (uint32_t e = first; e < next; e++) {
+        mni_subtree record;
+        mni_plan_subtree(p->plan, &p->exit[e], &record);
+        mni_tally_subtree(&tally, &record);
+        tally_add(p, &tally, p->exit[e].node, false);
+    }
+    return next - first == 1 || fits(p, &tally, tally.exits + tally.subtrees);
+}
+
+/* A child block for each run. */
 static mn_code plan_exits(packer *p, uint32_t block) {
-    p->bins = 0;
-    mn_code code = bin_small(p);
-    if (code == MN_OK)
-        code = group_big(p);
-    if (code != MN_OK)
-        return code;
-    spread(p);
-    return plan_bins(p, block);
+    mn_code code = plan_cuts(p);
+    for (uint32_t e = 0, next; e < p->exits && code == MN_OK; e = next) {
+        uint32_t made;
+        next = p->cut[e].next;
+        bool hoped = run_blocks(p, e, next) <= 1;
+        bool whole = run_fits(p, e, next);
+        while (!whole && next > e + 1 && (hoped || next - e > p->run_most || !tops_fit(p, e, next)))
+            whole = run_fits(p, e, --next);
+        code = mni_plan_block(p->plan, block, &made, p->st);
+        for (uint32_t i = e; i < next && code == MN_OK; i++) {
+            p->exit[i].whole = whole;
+            code = mni_plan_root_add(p->plan, p->exit[i], p->st);
+        }
+    }
+    return code;
 }
 
 /* ---- all of it ------------------------------------------------------------------------------ */
@@ -448,7 +387,7 @@ static mn_code pack_block(packer *p, uint32_t block) {
             return code;
         mni_plan_list(plan, block);
         mni_plan_tally(plan, block, &p->tally);
-        p->node_bytes = (double)(mni_tally_bytes(&p->tally, 0) - 300) / p->tally.nodes;
+        p->node_bytes = (double)mni_tally_bytes(&p->tally, 0) / p->tally.nodes;
         plan->block[block].child_first = plan->blocks;
         code = list_exits(p);
         if (code == MN_OK)
@@ -496,13 +435,13 @@ mn_code mni_plan_packed(mni_plan *plan, mn_status *st) {
     packer p = {.plan = plan,
                 .st = st,
                 .limit = plan->desc->block_bytes - MNI_BLOCK_TAIL_BYTES,
-                .node_bytes = START_NODE_BYTES};
+                .node_bytes = START_NODE_BYTES,
+                .whole_bytes = START_NODE_BYTES};
     p.stack = malloc(sizeof *p.stack * (MNI_BLOCK_DEPTH_MAX + 2));
     mn_code code = p.stack == NULL ? no_memory(&p) : pack_all(&p);
     free(p.stack);
     free(p.heap);
     free(p.exit);
-    free(p.bin_of);
-    free(p.bin);
+    free(p.cut);
     return code;
 }

@@ -255,7 +255,7 @@ static mn_code check_desc(const mn_tree *tree, mn_block_desc *desc, mn_status *s
     if (desc->l == 0)
         desc->l = 5;
     if (desc->block_bytes == 0)
-        desc->block_bytes = 16384;
+        desc->block_bytes = 8192;
     if (desc->l > 16)
         return mn_fail(st, MN_USAGE, "-L %u: levels are 1 to 16", desc->l);
     if (desc->block_bytes % MN_PAGE_BYTES != 0 || desc->block_bytes > MNI_BLOCK_BYTES_MAX)

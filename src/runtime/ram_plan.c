@@ -26,7 +26,7 @@
 enum {
     FRONT_MIN = 1536,         /* active nodes below which a picture is not worth having */
     FRONT_FREE_MAX = 1 << 20, /* active nodes without a cap */
-    FRONT_SHARE = 3,          /* the front gets up to a third of what the base leaves */
+    FRONT_SHARE = 2,          /* the front gets up to half of what the base leaves */
     K_SPARE = 4,              /* holders beyond one a block: for rules that keep one free */
     SIMPLICES_EXTRA = 1024,   /* beyond 9/4 a node: fronts with many hinges or fins */
 };
