@@ -179,7 +179,12 @@ static mn_code image(replay *r, uint32_t frame, const mn_camera *camera, mn_stat
     char name[4096];
     if (snprintf(name, sizeof name, "%s/frame-%06u.png", r->images_dir, frame) >= (int)sizeof name)
         return mn_fail(st, MN_USAGE, "--images: that name is longer than 4,000 characters");
-    return picture_write(&r->picture, r->session, camera, &look, name, st);
+    const mn_code code = picture_write(&r->picture, r->session, camera, &look, name, st);
+    mn_gl_stats gl;
+    r->picture.load.api->stats(r->picture.gl, &gl);
+    r->figures.gl_fronts = gl.fronts;
+    r->figures.gl_sent_bytes = gl.sent_bytes;
+    return code;
 }
 
 static void foldovers(replay *r) {
@@ -216,14 +221,17 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
         mn_path_camera(r->path, frame, frames, camera);
         mn_session_frame(r->session, camera, &stats);
         figures_frame(&r->figures, &stats);
-        if (r->csv != NULL) {
-            figures_csv_row(r->csv, &stats);
+        const bool drawn = r->images_dir != NULL && frame % r->images_every == 0;
+        const uint64_t sent_before = r->figures.gl_sent_bytes;
+        if (drawn)
+            code = image(r, frame, camera, st);
+        if (r->csv != NULL && code == MN_OK) {
+            const uint64_t sent = r->figures.gl_sent_bytes - sent_before;
+            figures_csv_row(r->csv, &stats, drawn ? &sent : NULL);
             code = cli_written(r->csv, "--csv", r->csv_name, st);
         }
         if (r->trace != NULL && code == MN_OK)
             code = trace_flush(r->trace, frame, st);
-        if (r->images_dir != NULL && frame % r->images_every == 0 && code == MN_OK)
-            code = image(r, frame, camera, st);
         if (frame % sample == 0)
             foldovers(r);
         (void)cli_progress(&meter, "frames", frame + 1, frames);
@@ -252,12 +260,6 @@ static void finish(replay *r) {
     f->allocations_after_seal = cli_alloc_since_mark();
     f->has_gl = r->images_dir != NULL;
     f->gl_rss_bytes = r->picture.load.rss_bytes;
-    if (f->has_gl) {
-        mn_gl_stats gl;
-        r->picture.load.api->stats(r->picture.gl, &gl);
-        f->gl_fronts = gl.fronts;
-        f->gl_sent_bytes = gl.sent_bytes;
-    }
     f->rss_peak_bytes = f->has_gl ? r->picture.load.own_peak_bytes : cli_rss_peak_bytes();
     f->store = r->options.desc.store;
     f->l = mn_session_header(r->session)->l;

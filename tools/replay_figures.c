@@ -74,11 +74,11 @@ void figures_csv_header(FILE *csv) {
     fputs("frame,adapt,splits,collapses,active_nodes,triangles,front_over_wanted,tolerance_px,"
           "error_px,misses,miss_rate,refused_front,refused_budget,refused_pool,waits_dependency,"
           "reads,read_bytes,second_chances,prefetches,evictions,blocks_in_use,blocks_resident,"
-          "nav_ms,front_hash\n",
+          "nav_ms,front_hash,gl_sent_bytes\n",
           csv);
 }
 
-void figures_csv_row(FILE *csv, const mn_frame_stats *f) {
+void figures_csv_row(FILE *csv, const mn_frame_stats *f, const uint64_t *gl_sent_bytes) {
     fprintf(csv, "%" PRIu32, f->frame);
     const uint64_t counts[] = {f->adapt, f->splits, f->collapses, f->active_nodes, f->triangles};
     for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++)
@@ -95,7 +95,10 @@ void figures_csv_row(FILE *csv, const mn_frame_stats *f) {
                              f->blocks_in_use,    f->blocks_resident};
     for (size_t i = 0; i < sizeof more / sizeof more[0]; i++)
         fprintf(csv, ",%" PRIu64, more[i]);
-    fprintf(csv, ",%.4f,%016" PRIx64 "\n", f->nav_ms, f->front_hash);
+    fprintf(csv, ",%.4f,%016" PRIx64 ",", f->nav_ms, f->front_hash);
+    if (gl_sent_bytes != NULL)
+        fprintf(csv, "%" PRIu64, *gl_sent_bytes);
+    fputc('\n', csv);
 }
 
 /* ---- the end --------------------------------------------------------------------------------- */

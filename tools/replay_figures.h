@@ -25,10 +25,12 @@ typedef struct replay_figures {
     double miss_rate, tolerance_px, front_over_wanted; /* sums over frames */
     spread nav_ms, error_px;
 
+    uint64_t gl_fronts,
+        gl_sent_bytes; /* handed to the driver: by the command, a picture at a time */
+
     /* filled by the command at the end */
     uint64_t settle_frames, foldovers, foldovers_legal, front_hash;
     uint64_t rss_peak_bytes, gl_rss_bytes, allocations_after_seal;
-    uint64_t gl_fronts, gl_sent_bytes; /* handed to the driver */
     bool settled, back_at_roots, has_gl;
     mn_store_kind store;
     mn_plan plan;
@@ -38,7 +40,8 @@ typedef struct replay_figures {
 
 void figures_frame(replay_figures *figures, const mn_frame_stats *frame);
 void figures_csv_header(FILE *csv);
-void figures_csv_row(FILE *csv, const mn_frame_stats *frame);
+/* gl_sent_bytes: for the frame's picture; NULL: it has none. */
+void figures_csv_row(FILE *csv, const mn_frame_stats *frame, const uint64_t *gl_sent_bytes);
 void figures_json(const replay_figures *figures, FILE *out);
 void figures_table(const replay_figures *figures, FILE *out);
 

@@ -121,13 +121,38 @@ START_TEST(looks_differ) {
 }
 END_TEST
 
+/* The rows of frames with a picture end in the bytes sent for it, others in nothing; together they
+ * are the run's. */
+static void check_sent_bytes(void) {
+    char name[64], row[1024];
+    unsigned long long sum = 0, total = 0;
+    const char *key = strstr(output(), "\"gl_sent_bytes\": ");
+    ck_assert_ptr_nonnull(key);
+    ck_assert_int_eq(sscanf(key, "\"gl_sent_bytes\": %llu", &total), 1);
+    snprintf(name, sizeof name, "%s/frames.csv", dir);
+    FILE *f = fopen(name, "r");
+    ck_assert_ptr_nonnull(f);
+    ck_assert_ptr_nonnull(fgets(row, sizeof row, f));
+    ck_assert_ptr_nonnull(strstr(row, ",gl_sent_bytes\n"));
+    for (int frame = 0; frame < 7; frame++) {
+        ck_assert_ptr_nonnull(fgets(row, sizeof row, f));
+        const char *last = strrchr(row, ',') + 1;
+        ck_assert((*last == '\n') == (frame % 3 != 0));
+        sum += strtoull(last, NULL, 10);
+    }
+    fclose(f);
+    ck_assert_uint_gt(total, 0);
+    ck_assert_uint_eq(sum, total);
+}
+
 START_TEST(replays_with_pictures) {
     if (no_egl)
         return;
     run("replay ../globe.mnt --path dive --frames 7 --images frames --images-every 3 "
-        "--size 64x48 --store resident --json");
+        "--size 64x48 --store resident --json --csv frames.csv");
     ck_assert_ptr_nonnull(strstr(output(), "\"gl_fronts\": 3,"));
     ck_assert_ptr_nonnull(strstr(output(), "\"gl_sent_bytes\": "));
+    check_sent_bytes();
     static const int there[] = {0, 3, 6}, missing[] = {1, 2, 4, 5, 7};
     char name[96];
     for (int i = 0; i < 3; i++) {
