@@ -254,6 +254,14 @@ static void settle(replay *r, const mn_camera *camera) {
     r->figures.back_at_roots = mn_session_at_roots(r->session);
 }
 
+/* The plan, before the first frame: who sees that the front is small need not wait for the last. */
+static void say_plan(const replay *r) {
+    mn_plan plan;
+    mn_session_plan(r->session, &plan);
+    figures_plan(&plan, mn_session_header(r->session)->block_bytes_max, stdout);
+    fflush(stdout);
+}
+
 static void finish(replay *r) {
     replay_figures *f = &r->figures;
     mn_session_drain(r->session);
@@ -284,6 +292,8 @@ int cmd_replay(int argc, char **argv) {
         mn_camera camera;
         code = open_all(r, &st);
         cli_alloc_mark();
+        if (code == MN_OK && !r->options.json)
+            say_plan(r);
         if (code == MN_OK)
             code = run_frames(r, &camera, &st);
         if (code == MN_OK && r->settle)

@@ -207,7 +207,7 @@ static double mega(uint64_t bytes) {
     return (double)bytes / 1048576;
 }
 
-static void table_plan(const mn_plan *plan, uint32_t block_bytes_max, FILE *out) {
+void figures_plan(const mn_plan *plan, uint32_t block_bytes_max, FILE *out) {
     fprintf(out, "plan       %.2f MB", mega(plan->planned_bytes));
     if (plan->ram_cap_bytes > 0)
         fprintf(out, " of %.2f", mega(plan->ram_cap_bytes));
@@ -242,7 +242,6 @@ void figures_table(const replay_figures *f, FILE *out) {
                 t->io_errors);
     fprintf(out, "navigate   %.3f ms on average, %.3f (99 %%), %.3f at most\n",
             spread_mean(&f->nav_ms), spread_quantile(&f->nav_ms, 0.99), f->nav_ms.max);
-    table_plan(&f->plan, f->block_bytes_max, out);
     fprintf(out, "memory     %.2f MB at the peak", mega(f->rss_peak_bytes));
     if (f->has_gl)
         fprintf(out, "; GL %.2f MB apart, %.1f kB sent a picture", mega(f->gl_rss_bytes),

@@ -43,6 +43,8 @@ void figures_csv_header(FILE *csv);
 /* gl_sent_bytes: for the frame's picture; NULL: it has none. */
 void figures_csv_row(FILE *csv, const mn_frame_stats *frame, const uint64_t *gl_sent_bytes);
 void figures_json(const replay_figures *figures, FILE *out);
+/* What the cap was turned into: a line, for the start. */
+void figures_plan(const mn_plan *plan, uint32_t block_bytes_max, FILE *out);
 void figures_table(const replay_figures *figures, FILE *out);
 
 #endif

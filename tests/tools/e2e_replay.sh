@@ -161,7 +161,8 @@ options() {
         holds "budget: adapt" "$(awk -F, 'NR > 1 && $2 > m {m = $2} END {print m + 0}' budget.csv) <= 40"
     printf 'metanode path 1\n0 0 9 0 0 0 0 1 0\n# on a line\n\n0 0 3 0 0 0 0 1 0 60\n' >cameras.path
     expect 0 "path file" replay "$file" --path cameras.path --fps 0 --json && equal "path file" frames 2
-    expect 0 "text" replay "$file" --path orbit --frames 3 --fps 0 && check "text" grep -q 'frames' "$out"
+    expect 0 "text" replay "$file" --path orbit --frames 3 --fps 0 && check "text" grep -q 'frames' "$out" &&
+        holds "text: the plan comes first" "$(grep -n '^plan .* base .* front .* pool .* tables' "$out" | cut -d: -f1) == 1"
 
     expect 5 "cap too small" replay "$file" --path orbit --ram 600K -K min && one_line "cap too small" --ram
     smallest=$(grep -oE '[0-9.]+[KMG]?i?B? ?' "$err" | tail -1 | tr -d ' ')
