@@ -221,7 +221,7 @@ survived() {
 
 # name offset type value: a value that cannot be, for each field of the header.
 mnt_fields='magic 0 u8 0x6d
-version 8 u32 2
+version 8 u32 9
 header_bytes 12 u32 8192
 checksum 16 u64 1
 build_id 24 u64 1
@@ -280,7 +280,7 @@ root_subtree 208 u32 1
 build_id 24 u64 1'
 mnt_may='legal_last 60 u32 6000
 metric 68 u32 1
-block_bytes 80 u32 8192
+block_bytes 80 u32 16384
 origin 120 f64 5
 box_max 156 f32 100
 dive_point 172 f32 0
