@@ -89,11 +89,16 @@ START_TEST(shoots_the_same_from_every_store) {
     ck_assert_ptr_nonnull(strstr(output(), " triangles, error "));
     run("shoot ../globe.mnt --path orbit --frame 70 --size 320x200 --store mapped -o b.png "
         "--lod-colors");
-    uint8_t *a = picture("a.png", 320, 200), *b = picture("b.png", 320, 200);
+    run("shoot ../globe.mnt --path orbit --frame 70 --size 320x200 --store paged --ram 16M "
+        "-o c.png --lod-colors");
+    uint8_t *a = picture("a.png", 320, 200), *b = picture("b.png", 320, 200),
+            *c = picture("c.png", 320, 200);
     check_globe(a, 320, 200);
     ck_assert_mem_eq(a, b, 3 * 320 * 200);
+    ck_assert_mem_eq(a, c, 3 * 320 * 200);
     free(a);
     free(b);
+    free(c);
 }
 END_TEST
 
