@@ -14,6 +14,7 @@
 
 #include "assert.h"
 #include "frame.h"
+#include "sieve.h"
 
 /* ---- memory ---------------------------------------------------------------------------------- */
 
@@ -27,7 +28,9 @@ static size_t take(mni_arena *arena, void *field, size_t count, size_t size) {
 
 /* Takes the arrays, or, without an arena, says what they would need: one list for both. */
 static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
-    size_t slots = f->nodes_max, simplices = f->simplices_max, sum = 0;
+    /* whole batches, for who reads them so */
+    size_t slots = ((size_t)f->nodes_max + MNI_SIEVE_BATCH - 1) / MNI_SIEVE_BATCH * MNI_SIEVE_BATCH;
+    size_t simplices = f->simplices_max, sum = 0;
     f->chunks_max = (uint32_t)(3 * simplices / MNI_FRONT_CHUNK);
     sum += take(arena, &f->position, slots, 3 * sizeof *f->position);
     sum += colors ? take(arena, &f->color, slots, sizeof *f->color) : 0;

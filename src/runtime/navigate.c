@@ -213,25 +213,41 @@ static void forget_given_up(mni_navigator *nav) {
     nav->given_up = false;
 }
 
-/* All slots: who is in none, or a leaf, has the bounds of whoever was, and is asked for when
- * wanted. */
-static void split_agenda(mni_navigator *nav) {
-    const mni_front *front = &nav->front;
+/* Those of a batch of slots that are wanted, onto the agenda. */
+static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
     uint8_t verdict[MNI_SIEVE_BATCH];
     mni_agenda_item item;
+    mni_sieve_judge(&nav->sieve, &nav->batch, verdict);
+    for (int i = 0; i < count; i++)
+        if (verdict[i] != MNI_UNWANTED && mni_front_is_active(&nav->front, slot[i]) &&
+            wanted(nav, slot[i], &item))
+            mni_agenda_add(&nav->agenda, item);
+}
+
+/* All slots: who is in none, or a leaf, has the bounds of whoever was, and is asked for when
+ * wanted. The front has room for whole batches. */
+static void split_agenda(mni_navigator *nav) {
+    const mni_front *f = &nav->front;
+    uint8_t far[MNI_SIEVE_BATCH];
+    uint32_t slot[MNI_SIEVE_BATCH];
+    int count = 0;
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t first = 0; first < front->slots_high; first += MNI_SIEVE_BATCH) {
-        uint32_t left = front->slots_high - first;
-        uint32_t count = left < MNI_SIEVE_BATCH ? left : MNI_SIEVE_BATCH;
-        for (uint32_t i = 0, slot = first; i < count; i++, slot++)
-            mni_sieve_put(&nav->batch, (int)i, &front->position[3 * (size_t)slot],
-                          front->radius[slot], front->switch_value[slot], front->face[slot].cone);
-        mni_sieve_judge(&nav->sieve, &nav->batch, verdict);
-        for (uint32_t i = 0; i < count; i++)
-            if (verdict[i] != MNI_UNWANTED && mni_front_is_active(front, first + i) &&
-                wanted(nav, first + i, &item))
-                mni_agenda_add(&nav->agenda, item);
+    for (uint32_t first = 0; first < f->slots_high; first += MNI_SIEVE_BATCH) {
+        mni_sieve_far(&nav->sieve, &f->position[3 * (size_t)first], &f->radius[first],
+                      &f->switch_value[first], far);
+        for (uint32_t i = 0, at = first; i < MNI_SIEVE_BATCH && at < f->slots_high; i++, at++) {
+            if (far[i])
+                continue;
+            mni_sieve_put(&nav->batch, count, &f->position[3 * (size_t)at], f->radius[at],
+                          f->switch_value[at], f->face[at].cone);
+            slot[count++] = at;
+            if (count < MNI_SIEVE_BATCH)
+                continue;
+            judge_slots(nav, slot, count);
+            count = 0;
+        }
     }
+    judge_slots(nav, slot, count);
     mni_agenda_begin(&nav->agenda);
 }
 

@@ -95,6 +95,17 @@ static inline __attribute__((always_inline)) uint8_t judge(const mni_sieve *s,
     return (uint8_t)(unwanted ? MNI_UNWANTED : wanted ? MNI_WANTED : MNI_UNSURE);
 }
 
+static inline __attribute__((always_inline)) void far_all(const mni_sieve *s, const float *position,
+                                                          const float *radius,
+                                                          const float *switch_value, uint8_t *far) {
+    for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+        float dx = position[3 * i] - s->eye[0], dy = position[3 * i + 1] - s->eye[1];
+        float dz = position[3 * i + 2] - s->eye[2], d = sqrtf(dx * dx + dy * dy + dz * dz);
+        float slack = s->slack + RELATIVE * d;
+        far[i] = d > (s->reach * switch_value[i] + radius[i]) * (1 + RELATIVE) + slack;
+    }
+}
+
 static inline __attribute__((always_inline)) void
 judge_all(const mni_sieve *s, const mni_sieve_batch *b, uint8_t verdict[MNI_SIEVE_BATCH]) {
     for (int i = 0; i < MNI_SIEVE_BATCH; i++)
@@ -106,7 +117,24 @@ __attribute__((target("avx2"))) static void judge_avx2(const mni_sieve *s, const
                                                        uint8_t verdict[MNI_SIEVE_BATCH]) {
     judge_all(s, b, verdict);
 }
+
+__attribute__((target("avx2"))) static void far_avx2(const mni_sieve *s, const float *position,
+                                                     const float *radius, const float *switch_value,
+                                                     uint8_t *far) {
+    far_all(s, position, radius, switch_value, far);
+}
 #endif
+
+void mni_sieve_far(const mni_sieve *s, const float *position, const float *radius,
+                   const float *switch_value, uint8_t far[MNI_SIEVE_BATCH]) {
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx2")) {
+        far_avx2(s, position, radius, switch_value, far);
+        return;
+    }
+#endif
+    far_all(s, position, radius, switch_value, far);
+}
 
 void mni_sieve_judge(const mni_sieve *s, const mni_sieve_batch *b,
                      uint8_t verdict[MNI_SIEVE_BATCH]) {

@@ -40,6 +40,11 @@ static inline void mni_sieve_put(mni_sieve_batch *batch, int i, const float posi
     batch->axis[1][i] = cone.axis[1];
     batch->angle[i] = cone.angle;
 }
+/* Nodes that are unwanted wherever the camera looks, as most of a front are: said from their
+ * distance alone, of MNI_SIEVE_BATCH nodes whose bounds lie one after the other. 1: so it is; 0:
+ * judge it. */
+void mni_sieve_far(const mni_sieve *sieve, const float *position, const float *radius,
+                   const float *switch_value, uint8_t far[MNI_SIEVE_BATCH]);
 /* Of all of a batch; whoever has filled less looks at so many. */
 void mni_sieve_judge(const mni_sieve *sieve, const mni_sieve_batch *batch,
                      uint8_t verdict[MNI_SIEVE_BATCH]);

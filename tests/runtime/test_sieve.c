@@ -59,6 +59,23 @@ static void move_to_the_edge(node *n, const mni_lens *lens) {
         n->switch_value *= (float)(lens->tolerance_px / priority_px * (1 + hair));
 }
 
+/* From the same bounds, laid out otherwise. */
+static void check_far(const mni_sieve *sieve, const mni_lens *lens, const node *nodes) {
+    float position[3 * MNI_SIEVE_BATCH], radius[MNI_SIEVE_BATCH], value[MNI_SIEVE_BATCH];
+    uint8_t far[MNI_SIEVE_BATCH];
+    for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+        for (int k = 0; k < 3; k++)
+            position[3 * i + k] = nodes[i].position[k];
+        radius[i] = nodes[i].radius;
+        value[i] = nodes[i].switch_value;
+    }
+    mni_sieve_far(sieve, position, radius, value, far);
+    for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+        mni_bounds bounds = bounds_of(&nodes[i]);
+        ck_assert(!far[i] || mni_lens_error_px(lens, &bounds) <= lens->tolerance_px);
+    }
+}
+
 static uint32_t compare(const mni_sieve *sieve, const mni_lens *lens, const node *nodes) {
     static mni_sieve_batch batch;
     uint8_t verdict[MNI_SIEVE_BATCH];
@@ -67,6 +84,7 @@ static uint32_t compare(const mni_sieve *sieve, const mni_lens *lens, const node
         mni_sieve_put(&batch, i, nodes[i].position, nodes[i].radius, nodes[i].switch_value,
                       nodes[i].cone);
     mni_sieve_judge(sieve, &batch, verdict);
+    check_far(sieve, lens, nodes);
     for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
         mni_bounds bounds = bounds_of(&nodes[i]);
         bool wanted = mni_lens_wants(lens, &bounds);
