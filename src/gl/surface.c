@@ -27,6 +27,9 @@
 /* A sum's unit, in radians: 8,192 of them fit, more than the corners of a pole with thousands of
  * neighbours have. */
 static const double units_per_radian = 1 << 18;
+/* Height over longest side below which a triangle is a sliver and counts for less: scans have flat
+ * ones that stand askew, and the angle at the middle of one is half a turn. */
+static const double full_shape = 0.25;
 
 static inline bool bit_get(const uint64_t *bits, uint32_t i) {
     return bits[i / 64] >> (i % 64) & 1;
@@ -107,10 +110,13 @@ static void corner_normals(const float *const p[3], uint32_t out[3][3]) {
     }
     for (int k = 0; k < 3; k++)
         length[k] = sqrt(dot(e[k], e[k]));
+    const double longest = fmax(length[0], fmax(length[1], length[2]));
+    const double shape = twice_area / (longest * longest),
+                 full = shape < full_shape ? shape / full_shape : 1;
+    const double unit = units_per_radian * full / twice_area;
     for (int k = 0; k < 3; k++) {
         const int before = (k + 2) % 3;
-        const double weight = units_per_radian / twice_area *
-                              angle(-dot(e[k], e[before]) / (length[k] * length[before]));
+        const double weight = unit * angle(-dot(e[k], e[before]) / (length[k] * length[before]));
         for (int i = 0; i < 3; i++)
             out[k][i] = (uint32_t)lrint(n[i] * weight);
     }

@@ -76,6 +76,34 @@ START_TEST(normals_are_weighted_by_angle) {
 }
 END_TEST
 
+/* A sliver folded over an edge has an angle of nearly half a turn at its middle, and tilts the
+ * normal there by less than a degree. */
+START_TEST(slivers_hardly_count) {
+    const float position[15] = {0, 0, 0, 1, 0, 0, 0, 1, 0, -1, -1e-3f, 0, 0, -1, 0};
+    float folded[15];
+    const float switch_value[5] = {0};
+    const uint32_t node[12] = {0, 1, 2, 0, 2, 3, 0, 4, 1, 3, 1, 0};
+    mn_front front = {.node_slots = 5,
+                      .position = position,
+                      .switch_value = switch_value,
+                      .simplex_slots = 3,
+                      .simplex_node = node,
+                      .triangles = 3};
+    mni_surface s;
+    mirror(&s, &front);
+    ck_assert_int_eq(field(s.normal[0], 20), 511);
+    mni_surface_close(&s);
+    front.simplex_slots = 4;
+    memcpy(folded, position, sizeof folded);
+    folded[3 * 3 + 2] = -1e-3f; /* the sliver's normal is far off the others' */
+    front.position = folded;
+    mirror(&s, &front);
+    ck_assert_int_le(abs(field(s.normal[0], 0)), 8);
+    ck_assert_int_le(abs(field(s.normal[0], 10)), 8);
+    mni_surface_close(&s);
+}
+END_TEST
+
 /* Slivers, needles without area, and models of any size: no direction is invented. */
 START_TEST(normals_of_any_size) {
     static const float sizes[] = {1e-18f, 1e-6f, 1, 1e6f, 1e18f};
@@ -327,6 +355,7 @@ int main(void) {
     TCase *tc = tcase_create("surface");
     tcase_add_test(tc, empty_slots_and_hinges_are_no_triangles);
     tcase_add_test(tc, normals_are_weighted_by_angle);
+    tcase_add_test(tc, slivers_hardly_count);
     tcase_add_test(tc, normals_of_any_size);
     tcase_add_test(tc, nothing_active);
     tcase_add_test(tc, only_what_changed_is_new);
