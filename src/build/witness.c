@@ -19,11 +19,12 @@ _Static_assert(1 + LEAF_TRIANGLES_MAX + MNI_WITNESSES <= MNI_POINTS, "a leaf and
 /* The scratch of one collapse. */
 typedef struct mni_bench {
     mni_star star;
-    mni_points witness, middle;
+    mni_points witness; /* and behind them middles */
+    mni_points more;    /* middles for which there was no room */
     float slack[MNI_POINTS];
     uint64_t mate[MNI_POINTS];      /* the nearest witness before it, as pair_key says */
     float apart2[MNI_POINTS];       /* from one witness to each */
-    uint32_t neighbour[MNI_POINTS]; /* of middle[]: the ring vertex that it leads to */
+    uint32_t neighbour[MNI_POINTS]; /* of a middle: the ring vertex that it leads to */
 } mni_bench;
 
 /* Chosen by trial on armadillo and nefertiti. `metanode bench error` then says, at 50, 10 and 1 %
@@ -227,31 +228,35 @@ static inline float max_of(float a, float b) {
     return a > b ? a : b;
 }
 
-/* The middles of the edges r–n, as many at a time as there is room for. Returns the largest
- * distance, and raises the neighbours' values. */
-static float measure_middles(mni_bench *b, mni_vertex *vertex, const uint32_t *ring,
-                             uint32_t ring_count, uint32_t r, uint32_t k) {
-    mni_points *m = &b->middle;
+/* Adds the middles of the edges r–n to the points, from ring[from] on, while there is room. Returns
+ * where to go on. */
+static uint32_t add_middles(mni_bench *b, mni_points *points, const mni_vertex *vertex,
+                            const uint32_t *ring, uint32_t from, uint32_t ring_count, uint32_t r,
+                            uint32_t k) {
     const float *at_k = vertex[k].p, *at_r = vertex[r].p;
+    for (; from < ring_count && points->count < MNI_POINTS; from++) {
+        if (ring[from] == k)
+            continue;
+        const float *at_n = vertex[ring[from]].p;
+        uint32_t n = points->count++;
+        b->neighbour[n] = ring[from];
+        points->x[n] = 0.5f * (at_n[0] + at_r[0]) - at_k[0];
+        points->y[n] = 0.5f * (at_n[1] + at_r[1]) - at_k[1];
+        points->z[n] = 0.5f * (at_n[2] + at_r[2]) - at_k[2];
+    }
+    return from;
+}
+
+/* Raises the values of the neighbours that points[first …) lead to. Returns the largest distance.
+ */
+static float raise_neighbours(const mni_bench *b, const mni_points *points, uint32_t first,
+                              mni_vertex *vertex) {
     float largest = 0;
-    for (uint32_t i = 0; i < ring_count;) {
-        for (m->count = 0; i < ring_count && m->count < MNI_POINTS; i++) {
-            if (ring[i] == k)
-                continue;
-            const float *at_n = vertex[ring[i]].p;
-            uint32_t n = m->count++;
-            b->neighbour[n] = ring[i];
-            m->x[n] = 0.5f * (at_n[0] + at_r[0]) - at_k[0];
-            m->y[n] = 0.5f * (at_n[1] + at_r[1]) - at_k[1];
-            m->z[n] = 0.5f * (at_n[2] + at_r[2]) - at_k[2];
-        }
-        mni_star_measure(&b->star, m);
-        for (uint32_t n = 0; n < m->count; n++) {
-            mni_vertex *v = &vertex[b->neighbour[n]];
-            largest = max_of(largest, m->distance[n]);
-            if (v->set != MN_NONE)
-                v->value = max_of(v->value, NEIGHBOUR_FACTOR * m->distance[n]);
-        }
+    for (uint32_t i = first; i < points->count; i++) {
+        mni_vertex *v = &vertex[b->neighbour[i]];
+        largest = max_of(largest, points->distance[i]);
+        if (v->set != MN_NONE)
+            v->value = max_of(v->value, NEIGHBOUR_FACTOR * points->distance[i]);
     }
     return largest;
 }
@@ -260,19 +265,28 @@ void mni_witness_collapse(mni_witness_book *book, mni_surface *s, const uint32_t
                           uint32_t ring_count, uint32_t r, uint32_t k) {
     mni_bench *b = book->bench;
     mni_vertex *vertex = s->vertex;
-    const float *at_k = vertex[k].p;
     if (!mni_star_take(&b->star, s, k)) {
         book->no_memory = true;
         return;
     }
     b->witness.count = 0;
-    gather(book, vertex, k, at_k);
-    gather(book, vertex, r, at_k);
+    gather(book, vertex, k, vertex[k].p);
+    gather(book, vertex, r, vertex[k].p);
+    /* Witnesses and middles are measured in one go: rows of lanes come out fuller. */
+    uint32_t witnesses = b->witness.count;
+    uint32_t next = add_middles(b, &b->witness, vertex, ring, 0, ring_count, r, k);
     mni_star_measure(&b->star, &b->witness);
     float value = max_of(vertex[k].value, vertex[r].value);
-    for (uint32_t i = 0; i < b->witness.count; i++)
+    for (uint32_t i = 0; i < witnesses; i++)
         value = max_of(value, SAMPLE_FACTOR * (b->witness.distance[i] + b->slack[i]));
-    float largest = measure_middles(b, vertex, ring, ring_count, r, k);
+    float largest = raise_neighbours(b, &b->witness, witnesses, vertex);
+    b->witness.count = witnesses;
+    while (next < ring_count) { /* a pole's, or an edge's with many faces */
+        b->more.count = 0;
+        next = add_middles(b, &b->more, vertex, ring, next, ring_count, r, k);
+        mni_star_measure(&b->star, &b->more);
+        largest = max_of(largest, raise_neighbours(b, &b->more, 0, vertex));
+    }
     vertex[k].value = max_of(value, SAMPLE_FACTOR * largest);
     thin(b);
     keep(book, &vertex[r], &vertex[k]);
