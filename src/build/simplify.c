@@ -10,7 +10,7 @@
  *
  * Stages (design.md §3.2): 1 legal, 2 folding allowed, 3 link condition waived until no simplex is
  * left, 4 virtual edges between roots (roots.c). One thread; blocks on nothing. Memory: the sum in
- * mn_simplify_need_bytes, taken at the start but for witnesses, hinges and packing. Paper: §2.1.1
+ * mn_simplify_need_bytes, taken at the start but for hinges and packing. Paper: §2.1.1
  * and §3.1. */
 #include "simplify.h"
 
@@ -319,7 +319,7 @@ static uint64_t hinges_expected(uint64_t vertices, uint64_t triangles) {
 }
 
 /* The peak is where the simplifier's arrays, the mesh and the tree made of them are all there;
- * blocking takes less. Resident bytes of whole builds were 0.64 to 0.98 of this (scans, terrain of
+ * blocking takes less. Resident bytes of whole builds were 0.67 to 0.98 of this (scans, terrain of
  * a million triangles, lone triangles and tetrahedra). */
 uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
     enum { PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */

@@ -20,46 +20,52 @@ struct mni_star_triangle {
 #define SCATTER 0x9e3779b1u
 
 static inline float clamp01(float t) {
-    return t < 0 ? 0 : t > 1 ? 1 : t;
+    t = t > 0 ? t : 0; /* as minps and maxps have it */
+    return t < 1 ? t : 1;
+}
+
+static inline float square(float x, float y, float z) {
+    return x * x + y * y + z * z;
 }
 
 /* To the plane where a point lies above the triangle, otherwise to the nearest edge. Remainders are
  * formed before they are squared: the other way round loses half of the digits. Loops over lanes
- * are written for the compiler to make vectors of. */
+ * are written for the compiler to make vectors of; on_a and on_ab are kept in between, or it takes
+ * apart all that is made of them into cases. */
 static inline __attribute__((always_inline)) void measure(const mni_star_triangle *triangle,
                                                           uint32_t count, mni_points *points) {
     for (uint32_t at = 0; at < points->count; at += MNI_LANES) {
         const float *x = &points->x[at], *y = &points->y[at], *z = &points->z[at];
-        float least[MNI_LANES];
+        float least[MNI_LANES], on_a[MNI_LANES], on_ab[MNI_LANES];
         for (int l = 0; l < MNI_LANES; l++)
             least[l] = INFINITY;
-        for (const mni_star_triangle *t = triangle; t < triangle + count; t++)
+        for (const mni_star_triangle *t = triangle; t < triangle + count; t++) {
+            for (int l = 0; l < MNI_LANES; l++) {
+                float pa = x[l] * t->a[0] + y[l] * t->a[1] + z[l] * t->a[2];
+                float qx = x[l] - t->a[0], qy = y[l] - t->a[1], qz = z[l] - t->a[2];
+                float q_ab = qx * t->ab[0] + qy * t->ab[1] + qz * t->ab[2];
+                on_a[l] = clamp01(pa * t->aa_inverse);
+                on_ab[l] = clamp01(q_ab * t->ab_inverse);
+            }
             for (int l = 0; l < MNI_LANES; l++) {
                 float pa = x[l] * t->a[0] + y[l] * t->a[1] + z[l] * t->a[2];
                 float pb = x[l] * t->b[0] + y[l] * t->b[1] + z[l] * t->b[2];
                 float u = (t->bb * pa - t->a_dot_b * pb) * t->area_inverse;
                 float v = (t->aa * pb - t->a_dot_b * pa) * t->area_inverse;
                 bool above = (u >= 0) & (v >= 0) & (u + v <= 1) & (t->area_inverse > 0);
-                float dx = x[l] - u * t->a[0] - v * t->b[0];
-                float dy = y[l] - u * t->a[1] - v * t->b[1];
-                float dz = z[l] - u * t->a[2] - v * t->b[2];
-                float plane = dx * dx + dy * dy + dz * dz;
-                float on_a = clamp01(pa * t->aa_inverse);
-                dx = x[l] - on_a * t->a[0];
-                dy = y[l] - on_a * t->a[1];
-                dz = z[l] - on_a * t->a[2];
-                float edge_a = dx * dx + dy * dy + dz * dz;
-                float qx = x[l] - t->a[0], qy = y[l] - t->a[1], qz = z[l] - t->a[2];
-                float on_ab =
-                    clamp01((qx * t->ab[0] + qy * t->ab[1] + qz * t->ab[2]) * t->ab_inverse);
-                dx = qx - on_ab * t->ab[0];
-                dy = qy - on_ab * t->ab[1];
-                dz = qz - on_ab * t->ab[2];
-                float edge_ab = dx * dx + dy * dy + dz * dz;
+                float plane =
+                    square(x[l] - u * t->a[0] - v * t->b[0], y[l] - u * t->a[1] - v * t->b[1],
+                           z[l] - u * t->a[2] - v * t->b[2]);
+                float edge_a = square(x[l] - on_a[l] * t->a[0], y[l] - on_a[l] * t->a[1],
+                                      z[l] - on_a[l] * t->a[2]);
+                float edge_ab = square(x[l] - t->a[0] - on_ab[l] * t->ab[0],
+                                       y[l] - t->a[1] - on_ab[l] * t->ab[1],
+                                       z[l] - t->a[2] - on_ab[l] * t->ab[2]);
                 float edge = edge_a < edge_ab ? edge_a : edge_ab;
                 float distance2 = above ? plane : edge;
                 least[l] = least[l] < distance2 ? least[l] : distance2;
             }
+        }
         for (int l = 0; l < MNI_LANES; l++)
             points->distance[at + l] = sqrtf(least[l]);
     }
