@@ -159,6 +159,9 @@ static void json_totals(json *j, const mn_session_stats *t) {
     json_u64(j, "evictions", t->evictions);
     json_u64(j, "checksum_failures", t->checksum_failures);
     json_u64(j, "io_errors", t->io_errors);
+    json_u64(j, "nav_lock_waits", t->nav_lock_waits);
+    json_f64(j, "nav_lock_wait_us_max", 1e-3 * (double)t->nav_lock_wait_ns_max);
+    json_f64(j, "io_lock_hold_us_max", 1e-3 * (double)t->io_lock_hold_ns_max);
 }
 
 void figures_json(const replay_figures *f, FILE *out) {
@@ -242,6 +245,13 @@ void figures_table(const replay_figures *f, FILE *out) {
                 t->io_errors);
     fprintf(out, "navigate   %.3f ms on average, %.3f (99 %%), %.3f at most\n",
             spread_mean(&f->nav_ms), spread_quantile(&f->nav_ms, 0.99), f->nav_ms.max);
+    if (f->store == MN_STORE_PAGED)
+        fprintf(out,
+                "locks      %" PRIu64
+                " waits, %.1f us at most; the I/O thread held one for %.1f us at "
+                "most\n",
+                t->nav_lock_waits, 1e-3 * (double)t->nav_lock_wait_ns_max,
+                1e-3 * (double)t->io_lock_hold_ns_max);
     fprintf(out, "memory     %.2f MB at the peak", mega(f->rss_peak_bytes));
     if (f->has_gl)
         fprintf(out, "; GL %.2f MB apart, %.1f kB sent a picture", mega(f->gl_rss_bytes),

@@ -19,7 +19,7 @@ void mni_board_open(mni_board *board, uint32_t urgent_max, uint32_t prefetch_max
     *board = (mni_board){.open = 0};
     ring_open(&board->urgent, urgent_max, arena);
     ring_open(&board->prefetch, prefetch_max, arena);
-    MN_ASSERT(pthread_mutex_init(&board->lock, NULL) == 0);
+    mni_lock_open(&board->lock);
     MN_ASSERT(pthread_cond_init(&board->work, NULL) == 0);
     MN_ASSERT(pthread_cond_init(&board->quiet, NULL) == 0);
 }
@@ -27,7 +27,7 @@ void mni_board_open(mni_board *board, uint32_t urgent_max, uint32_t prefetch_max
 void mni_board_close(mni_board *board) {
     pthread_cond_destroy(&board->quiet);
     pthread_cond_destroy(&board->work);
-    pthread_mutex_destroy(&board->lock);
+    mni_lock_close(&board->lock);
 }
 
 /* ---- rings, under the lock ------------------------------------------------------------------- */
@@ -52,7 +52,7 @@ static bool ring_pop(mni_ring *ring, mni_command *out) {
 
 bool mni_board_post(mni_board *board, const mni_command *command) {
     bool prefetch = command->kind == MNI_COMMAND_PREFETCH;
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     bool room = ring_push(prefetch ? &board->prefetch : &board->urgent, command);
     if (room || prefetch)
         board->counts.posted[command->kind]++;
@@ -62,14 +62,14 @@ bool mni_board_post(mni_board *board, const mni_command *command) {
         board->open++;
     else if (prefetch)
         board->counts.ended[command->kind][MNI_END_GIVEN_UP]++;
-    pthread_mutex_unlock(&board->lock);
+    mni_lock_give(&board->lock);
     return room;
 }
 
 bool mni_board_fetch(mni_board *board, mni_command *out) {
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     bool found = !board->held && (ring_pop(&board->urgent, out) || ring_pop(&board->prefetch, out));
-    pthread_mutex_unlock(&board->lock);
+    mni_lock_give(&board->lock);
     return found;
 }
 
@@ -78,11 +78,11 @@ static bool has_work(const mni_board *board) {
 }
 
 void mni_board_hold(mni_board *board, bool held) {
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     board->held = held;
     if (has_work(board))
         pthread_cond_signal(&board->work);
-    pthread_mutex_unlock(&board->lock);
+    mni_lock_give(&board->lock);
 }
 
 static uint64_t unended(const mni_board *board) {
@@ -97,50 +97,56 @@ static uint64_t unended(const mni_board *board) {
 
 void mni_board_end(mni_board *board, mni_command_kind kind, mni_end end) {
     MN_ASSERT(kind < MNI_COMMANDS && end < MNI_ENDS);
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     MN_ASSERT(board->open > 0);
     board->open--;
     board->counts.ended[kind][end]++;
     MN_ASSERT(unended(board) == board->open);
     if (board->open == 0)
         pthread_cond_signal(&board->quiet);
-    pthread_mutex_unlock(&board->lock);
+    mni_lock_give(&board->lock);
 }
 
 /* ---- waiting --------------------------------------------------------------------------------- */
 
+/* Gives the lock away meanwhile: what is slept is nobody's hold. */
+static void wait_for(mni_board *board, pthread_cond_t *what) {
+    board->lock.since_ns = 0;
+    pthread_cond_wait(what, &board->lock.mutex);
+}
+
 bool mni_board_wait_work(mni_board *board) {
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     while (!has_work(board) && !board->stop)
-        pthread_cond_wait(&board->work, &board->lock);
+        wait_for(board, &board->work);
     bool go_on = !board->stop;
-    pthread_mutex_unlock(&board->lock);
+    mni_lock_give(&board->lock);
     return go_on;
 }
 
 void mni_board_wait_quiet(mni_board *board) {
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     while (board->open > 0)
-        pthread_cond_wait(&board->quiet, &board->lock);
-    pthread_mutex_unlock(&board->lock);
+        wait_for(board, &board->quiet);
+    mni_lock_give(&board->lock);
 }
 
 void mni_board_stop(mni_board *board) {
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     board->stop = true;
     pthread_cond_signal(&board->work);
-    pthread_mutex_unlock(&board->lock);
+    mni_lock_give(&board->lock);
 }
 
 uint32_t mni_board_open_commands(mni_board *board) {
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     uint32_t open = board->open;
-    pthread_mutex_unlock(&board->lock);
+    mni_lock_give(&board->lock);
     return open;
 }
 
 void mni_board_counts_get(mni_board *board, mni_board_counts *out) {
-    pthread_mutex_lock(&board->lock);
+    mni_lock_take(&board->lock);
     *out = board->counts;
-    pthread_mutex_unlock(&board->lock);
+    mni_lock_give(&board->lock);
 }

@@ -14,11 +14,11 @@
 #ifndef MNI_BOARD_H
 #define MNI_BOARD_H
 
-#include <pthread.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
+#include "lock.h"
 #include "mem.h"
 #include "metanode/format.h"
 
@@ -55,7 +55,7 @@ typedef struct mni_ring {
 } mni_ring;
 
 typedef struct mni_board {
-    pthread_mutex_t lock; /* subject: everything below */
+    mni_lock lock;        /* subject: everything below */
     pthread_cond_t work;  /* a ring is no longer empty, or stop */
     pthread_cond_t quiet; /* open has become 0 */
     mni_ring urgent, prefetch;

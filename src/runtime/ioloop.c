@@ -178,6 +178,7 @@ bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
 
 static void *run(void *context) {
     mni_ioloop *loop = context;
+    mni_lock_time_holds();
     do {
         while (mni_ioloop_step(loop, true)) {
         }

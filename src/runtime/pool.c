@@ -20,22 +20,22 @@ void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board,
     mni_grants_open(&pool->grants, k, arena);
     mni_failures_open(&pool->failures, arena);
     pool->touched = mni_arena_take(arena, k, sizeof(uint32_t), _Alignof(uint32_t));
-    MN_ASSERT(pthread_mutex_init(&pool->lock, NULL) == 0);
+    mni_lock_open(&pool->lock);
 }
 
 void mni_pool_close(mni_pool *pool) {
-    pthread_mutex_destroy(&pool->lock);
+    mni_lock_close(&pool->lock);
 }
 
 void mni_pool_lock(mni_pool *pool) {
-    pthread_mutex_lock(&pool->lock);
+    mni_lock_take(&pool->lock);
     pool->locked = true;
 }
 
 void mni_pool_unlock(mni_pool *pool) {
     MN_ASSERT(pool->locked);
     pool->locked = false;
-    pthread_mutex_unlock(&pool->lock);
+    mni_lock_give(&pool->lock);
 }
 
 /* ---- moving between the lists ---------------------------------------------------------------- */

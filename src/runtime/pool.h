@@ -14,8 +14,6 @@
 #ifndef MNI_POOL_H
 #define MNI_POOL_H
 
-#include <pthread.h>
-
 #include "board.h"
 #include "failures.h"
 #include "freelist.h"
@@ -42,7 +40,7 @@ typedef struct mni_pool {
     const mn_header *header;
     mni_board *board;
 
-    pthread_mutex_t lock;
+    mni_lock lock;
     /* guarded by lock */
     bool locked; /* so that functions can assert it */
     mni_holders holders;

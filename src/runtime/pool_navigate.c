@@ -431,6 +431,7 @@ uint32_t mni_pool_resident(mni_pool *pool) {
 void mni_pool_stats(mni_pool *pool, mn_session_stats *out) {
     mni_pool_lock(pool);
     *out = pool->stats;
+    out->io_lock_hold_ns_max = pool->lock.held_ns_max;
     mni_pool_unlock(pool);
 }
 

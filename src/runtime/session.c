@@ -15,6 +15,7 @@
 #include <time.h>
 
 #include "assert.h"
+#include "lock.h"
 #include "metanode/runtime.h"
 #include "navigate.h"
 #include "ram_plan.h"
@@ -157,6 +158,7 @@ const mn_header *mn_session_header(const mn_session *s) {
 /* One round of Navigate. Adds to *stats; returns whether anything changed or is still to come. */
 static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
     double start_ms = now_ms();
+    (void)mni_lock_waits_since(); /* those outside of frames */
     mni_store_frame_begin(s->store);
     mni_navigator_frame(&s->nav, camera, s->tolerance_px);
     double waits_ms = now_ms();
@@ -165,6 +167,10 @@ static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *sta
     uint32_t pending = mni_store_pending(s->store);
     mni_navigator_give_way(&s->nav, pending > 0);
     stats->nav_ms += now_ms() - start_ms - waits_ms;
+    mni_lock_waits locks = mni_lock_waits_since();
+    s->total.nav_lock_waits += locks.count;
+    if (locks.max_ns > s->total.nav_lock_wait_ns_max)
+        s->total.nav_lock_wait_ns_max = locks.max_ns;
     const mni_work *work = &s->nav.work;
     stats->splits += work->splits;
     stats->collapses += work->collapses;
@@ -293,6 +299,8 @@ void mn_session_stats_get(const mn_session *s, mn_session_stats *out) {
     out->refused_budget = s->total.refused_budget;
     out->refused_pool = s->total.refused_pool;
     out->waits_dependency = s->total.waits_dependency;
+    out->nav_lock_waits = s->total.nav_lock_waits;
+    out->nav_lock_wait_ns_max = s->total.nav_lock_wait_ns_max;
 }
 
 void mn_session_front(const mn_session *s, mn_front *out) {

@@ -276,6 +276,7 @@ static void stats(void *self, mn_session_stats *out) {
     out->urgent_down_refused = pool.urgent_down_refused;
     out->checksum_failures = pool.checksum_failures;
     out->io_errors = pool.io_errors;
+    out->io_lock_hold_ns_max = pool.io_lock_hold_ns_max;
     out->prefetches = counts.posted[MNI_COMMAND_PREFETCH];
     out->urgent_up = counts.posted[MNI_COMMAND_URGENT_UP];
     out->urgent_down = counts.posted[MNI_COMMAND_URGENT_DOWN];

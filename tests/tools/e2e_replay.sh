@@ -15,7 +15,7 @@ replay_keys=(frames adapt_mean triangles_mean triangles_max front_over_wanted to
     nav_ms_p50 nav_ms_p99 nav_ms_max error_px_p50 error_px_p95 error_px_max reads read_bytes second_chances
     prefetches prefetches_given_up urgent_up urgent_down urgent_down_refused evictions k l block_bytes_max
     ram_cap_bytes ram_planned_bytes rss_peak_bytes gl_rss_bytes allocations_after_seal store
-    checksum_failures io_errors front_hash)
+    checksum_failures io_errors nav_lock_waits nav_lock_wait_us_max io_lock_hold_us_max front_hash)
 
 # build_model NAME: NAME-packed.mnt in blocks of 4 KiB, so that there are many, and NAME-levels.mnt.
 build_model() {
@@ -137,7 +137,7 @@ same_figures() {
         for run in first second; do
             expect 0 "repeat $io" replay "$model-packed.mnt" --path dive --frames 60 -K 12 --io "$io" --io-serial \
                 --seed 7 --fps 0 --settle --json --csv "$run.csv" || return 0
-            grep -vE '"(nav_ms|rss|gl_rss)' "$out" >"$run.json"
+            grep -vE '"(nav_ms|rss|gl_rss|nav_lock|io_lock)' "$out" >"$run.json"
             awk -F, 'NR == 1 {for (i = 1; i <= NF; i++) if ($i == "nav_ms") c = i} {$c = ""; print}' "$run.csv" \
                 >"$run.rows"
         done
