@@ -1,5 +1,5 @@
-/* See heap.h. Which of a node's children is least cannot be predicted: it is chosen without a
- * branch. */
+/* See heap.h. Hidden here: the order of items in memory, and that choosing is arithmetic, since
+ * which of four children is least cannot be predicted. */
 #include "heap.h"
 
 #include <stdlib.h>

@@ -1,4 +1,5 @@
-/* See legal.h. */
+/* See legal.h. Hidden here: how a ring is read, once as a wheel where it can be, otherwise vertex
+ * by vertex; both ways say the same. */
 #include "legal.h"
 
 #include <math.h>

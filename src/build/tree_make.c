@@ -1,6 +1,8 @@
 /* From collapses in input vertices to an mn_tree: leaves renumbered depth-first, intervals, spheres
- * and cones bottom-up, simplices sorted by kill node. One thread; memory: the tree and 24 bytes a
- * vertex for a while. */
+ * and cones bottom-up, simplices sorted by kill node.
+ *
+ * Hidden here: the order of the leaves, and what encloses what. The steps follow each other in
+ * mni_tree_make, each once. One thread; memory: the tree, and 42 bytes a vertex for a while. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -183,8 +185,7 @@ static void fill_inner(maker *m) {
         t->depth_max = 1;
 }
 
-/* A counting sort by kill node keeps the input's order, and hinges behind triangles, inside each.
- */
+/* A counting sort by kill node: inside each the input's order stays, hinges behind triangles. */
 static void sort_simplices(maker *m) {
     mn_tree *t = m->tree;
     const mni_surface *surface = &m->s->surface;
