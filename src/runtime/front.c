@@ -42,6 +42,7 @@ static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
     sum += take(arena, &f->simplex_node, simplices, 3 * sizeof *f->simplex_node);
     sum += take(arena, &f->simplex_leaf, simplices, 3 * sizeof *f->simplex_leaf);
     sum += take(arena, &f->chunk, f->chunks_max, sizeof *f->chunk);
+    sum += take(arena, &f->changed, slots / 64, sizeof *f->changed);
     sum += take(arena, &f->node_stamp, slots / MN_FRONT_PAGE + 1, sizeof *f->node_stamp);
     sum += take(arena, &f->simplex_stamp, simplices / MN_FRONT_PAGE + 1, sizeof *f->simplex_stamp);
     return sum;
@@ -50,6 +51,14 @@ static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
 size_t mni_front_need_bytes(const mn_header *header, uint32_t nodes_max, uint32_t simplices_max) {
     mni_front shape = {.nodes_max = nodes_max, .simplices_max = simplices_max};
     return lay_out(&shape, NULL, header->has_colors);
+}
+
+static void change_note(mni_front *f, uint32_t slot) {
+    f->changed[slot / 64] |= UINT64_C(1) << (slot % 64);
+}
+
+void mni_front_changes_forget(mni_front *f) {
+    memset(f->changed, 0, ((size_t)f->slots_high + 63) / 64 * sizeof *f->changed);
 }
 
 static uint32_t slot_new(mni_front *f) {
@@ -514,6 +523,7 @@ static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_ent
                                       .parent = p->parent,
                                       .home = home,
                                       .slot = slot,
+                                      .blocker = MN_NONE,
                                       .stub = (p->flags & MNI_NODE_STUB) != 0};
     *reference(f, p->parent, slot, slot) = b | MNI_FRONT_BRANCH;
     return b;
@@ -554,6 +564,8 @@ static uint32_t part(mni_front *f, uint32_t slot, mni_entry home, const mni_node
                      uint32_t chain) {
     const mni_front_node p = f->node[slot];
     uint32_t right = slot_new(f), b = branch_make(f, slot, right, home);
+    change_note(f, slot);
+    change_note(f, right);
     f->node[slot].leaf_hi = record->leaf_mid;
     f->node[right].leaf_lo = record->leaf_mid;
     f->node[right].leaf_hi = p.leaf_hi;
@@ -635,6 +647,8 @@ static void join(mni_front *f, uint32_t branch) {
     MN_ASSERT(mni_front_is_fork(f, branch) && b->child[0] == b->slot);
     uint32_t slot = b->slot, right = b->child[1], killed = corners_join(f, slot, right);
     MN_ASSERT(killed == b->killed);
+    change_note(f, slot);
+    change_note(f, right);
     f->node[slot].order = b->order;
     f->node[slot].above = b->parent == MNI_FRONT_NO_PARENT ? MN_NONE : f->branch[b->parent].order;
     f->node[slot].leaf_hi = f->node[right].leaf_hi;

@@ -78,6 +78,7 @@ typedef struct mni_front_branch {
     uint32_t parent;      /* branch, or MNI_FRONT_NO_PARENT; free: next free branch */
     uint32_t home;        /* entry of the block with its record: where its children count */
     uint32_t slot;        /* that it had, and its leftmost descendant has; MN_NONE: free */
+    uint32_t blocker;     /* Navigate's: a slot whose node blocked its collapse, or MN_NONE */
     uint32_t stub : 1;    /* MNI_NODE_STUB */
     uint32_t killed : 31; /* simplices that its split brought */
 } mni_front_branch;
@@ -110,6 +111,7 @@ typedef struct mni_front {
     /* 3 × simplices; corner k of simplex s is 4 s + k */
     uint32_t *simplex_node; /* slots; [3s] MN_NONE: free */
     uint32_t *simplex_leaf; /* leaf ids; free: [3s] next free one */
+    uint64_t *changed;      /* a bit a slot: its node came or went since changes_forget */
     uint32_t *node_stamp; /* a page of MN_FRONT_PAGE slots: low bits of version, last written at */
     uint32_t *simplex_stamp;
 
@@ -152,6 +154,9 @@ static inline bool mni_front_stands(const mni_front *front, mni_front_ref ref) {
 static inline bool mni_front_is_branch(const mni_front *front, uint32_t branch) {
     return front->branch[branch].slot != MN_NONE;
 }
+static inline bool mni_front_changed(const mni_front *front, uint32_t slot) {
+    return (front->changed[slot / 64] >> (slot % 64) & 1) != 0;
+}
 /* Can the branch collapse as far as the tree goes: are both children active? */
 static inline bool mni_front_is_fork(const mni_front *front, uint32_t branch) {
     const mni_front_branch *b = &front->branch[branch];
@@ -175,6 +180,9 @@ uint32_t mni_front_split_blockers(const mni_front *front, uint32_t slot, mni_fro
                                   uint32_t room);
 /* A neighbour whose parent's order id is below that of the fork, or MN_NONE. */
 uint32_t mni_front_collapse_blocker(mni_front *front, uint32_t fork);
+
+/* From here on changes are noted anew. */
+void mni_front_changes_forget(mni_front *front);
 
 /* Splits an active inner node that nothing blocks: *branch is what it becomes. The block where the
  * node counts stays in use until release, so that unsplit, the exact inverse, cannot fail. */

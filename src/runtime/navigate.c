@@ -46,35 +46,42 @@ static void consider_fork(mni_navigator *nav, uint32_t fork) {
         return;
     mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
     if (!mni_lens_wants(&nav->lens, &bounds))
-        mni_agenda_push(&nav->agenda, (mni_agenda_item){nav->front.branch[fork].order, 0, fork});
+        mni_agenda_push(&nav->agenda,
+                        (mni_agenda_item){nav->front.branch[fork].order, MN_NONE, fork});
 }
 
-/* Those of a batch of forks that are not wanted, onto the agenda. */
+/* Those of a batch of forks that are not wanted, onto the agenda, with the blocker that they had in
+ * the last frame, if it is there still. */
 static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
     uint8_t verdict[MNI_SIEVE_BATCH];
     mni_sieve_judge(&nav->sieve, &nav->batch, verdict);
     for (int i = 0; i < count; i++) {
-        if (verdict[i] == MNI_WANTED)
-            continue;
+        mni_front_branch *b = &nav->front.branch[fork[i]];
+        bool wants = verdict[i] == MNI_WANTED;
         if (verdict[i] == MNI_UNSURE) {
             mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork[i]);
-            if (mni_lens_wants(&nav->lens, &bounds))
-                continue;
+            wants = mni_lens_wants(&nav->lens, &bounds);
         }
-        uint32_t order = nav->front.branch[fork[i]].order;
-        mni_agenda_add(&nav->agenda, (mni_agenda_item){order, 0, fork[i]});
+        if (wants || (b->blocker != MN_NONE && mni_front_changed(&nav->front, b->blocker)))
+            b->blocker = MN_NONE;
+        if (!wants)
+            mni_agenda_add(&nav->agenda, (mni_agenda_item){b->order, b->blocker, fork[i]});
     }
 }
 
+/* A blocker is remembered from frame to frame, as long as its branch is a fork and not wanted in
+ * each of them: changes are noted from one such pass to the next. */
 static void collapse_agenda(mni_navigator *nav) {
-    const mni_front *front = &nav->front;
+    mni_front *front = &nav->front;
     uint32_t fork[MNI_SIEVE_BATCH];
     int count = 0;
     mni_agenda_clear(&nav->agenda);
     for (uint32_t i = 0; i < front->branches_high; i++) {
-        if (!mni_front_is_fork(front, i))
+        mni_front_branch *b = &front->branch[i];
+        if (!mni_front_is_fork(front, i)) {
+            b->blocker = MN_NONE;
             continue;
-        const mni_front_branch *b = &front->branch[i];
+        }
         mni_sieve_put(&nav->batch, count, &front->position[3 * (size_t)b->slot], b->radius,
                       b->switch_value, b->face.cone);
         fork[count++] = i;
@@ -84,7 +91,20 @@ static void collapse_agenda(mni_navigator *nav) {
         count = 0;
     }
     judge_forks(nav, fork, count);
+    mni_front_changes_forget(front);
     mni_agenda_begin(&nav->agenda);
+}
+
+/* Is the fork blocked? What blocked it in the last frame does so as long as it is active. */
+static bool waits(mni_navigator *nav, mni_agenda_item item) {
+    mni_front *front = &nav->front;
+    if (item.order != MN_NONE && !mni_front_changed(front, item.order)) {
+        MN_ASSERT_SLOW(mni_front_collapse_blocker(front, item.what) != MN_NONE);
+        return true;
+    }
+    uint32_t blocker = mni_front_collapse_blocker(front, item.what);
+    front->branch[item.what].blocker = blocker;
+    return blocker != MN_NONE;
 }
 
 static void collapse_pass(mni_navigator *nav) {
@@ -92,11 +112,11 @@ static void collapse_pass(mni_navigator *nav) {
     mni_agenda_item item;
     collapse_agenda(nav);
     while (mni_agenda_pop(&nav->agenda, &item)) {
-        uint32_t fork = item.what, parent = front->branch[fork].parent;
-        if (mni_front_collapse_blocker(front, fork) != MN_NONE) {
+        if (waits(nav, item)) {
             nav->work.waits_dependency++;
             continue;
         }
+        uint32_t fork = item.what, parent = front->branch[fork].parent;
         if (nav->ops_max > 0 && ops(nav) >= nav->ops_max) {
             nav->work.refused_budget++;
             continue;
