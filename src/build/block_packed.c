@@ -327,19 +327,41 @@ static mn_code plan_cuts(packer *p) {
     return MN_OK;
 }
 
-/* Does the run fit one block whole? */
-static bool run_fits(packer *p, uint32_t first, uint32_t next) {
-    mni_tally tally;
+/* Does the run fit one block whole? Then *tally is that block's. */
+static bool run_fits(packer *p, uint32_t first, uint32_t next, mni_tally *tally) {
     if (run_blocks(p, first, next) > 1.3)
         return false; /* not even nearly */
-    mni_tally_init(&tally, p->plan->tree->leaf_color != NULL);
+    mni_tally_init(tally, p->plan->tree->leaf_color != NULL);
     for (uint32_t e = first; e < next; e++)
-        if (!tally_add_whole(p, &tally, &p->exit[e]))
+        if (!tally_add_whole(p, tally, &p->exit[e]))
             return false;
-    uint64_t bytes = mni_tally_bytes(&tally, 0);
-    if (bytes > p->limit / 2) /* the head counts too much in a short one */
-        p->whole_bytes += ((double)bytes / tally.nodes - p->whole_bytes) / 64;
     return true;
+}
+
+/* Where a run that was hoped to fit whole, and is too long by some exits, has to end. A longer run
+ * takes no fewer bytes, so this bisects. At least one exit; *whole: does it fit? */
+static uint32_t longest_whole(packer *p, uint32_t first, uint32_t next, bool *whole,
+                              mni_tally *tally) {
+    uint32_t least = first, most = next - 1; /* least fits, or is the empty run */
+    while (least < most) {
+        uint32_t middle = least + (most - least + 1) / 2;
+        mni_tally tried;
+        if (run_fits(p, first, middle, &tried)) {
+            least = middle;
+            *tally = tried;
+        } else {
+            most = middle - 1;
+        }
+    }
+    *whole = least > first;
+    return *whole ? least : first + 1;
+}
+
+/* What a node takes in blocks that end all their subtrees, from one more of them. */
+static void whole_learn(packer *p, const mni_tally *tally) {
+    uint64_t bytes = mni_tally_bytes(tally, 0);
+    if (bytes > p->limit / 2) /* the head counts too much in a short one */
+        p->whole_bytes += ((double)bytes / tally->nodes - p->whole_bytes) / 64;
 }
 
 /* Do the roots of a run's subtrees fit one block? A single one does: what it lacks overflows. */
@@ -360,11 +382,16 @@ static mn_code plan_exits(packer *p, uint32_t block) {
     mn_code code = plan_cuts(p);
     for (uint32_t e = 0, next; e < p->exits && code == MN_OK; e = next) {
         uint32_t made;
+        mni_tally tally;
         next = p->cut[e].next;
         bool hoped = run_blocks(p, e, next) <= 1;
-        bool whole = run_fits(p, e, next);
-        while (!whole && next > e + 1 && (hoped || next - e > p->run_most || !tops_fit(p, e, next)))
-            whole = run_fits(p, e, --next);
+        bool whole = run_fits(p, e, next, &tally);
+        if (!whole && hoped && next > e + 1)
+            next = longest_whole(p, e, next, &whole, &tally);
+        while (!whole && next > e + 1 && (next - e > p->run_most || !tops_fit(p, e, next)))
+            whole = run_fits(p, e, --next, &tally);
+        if (whole)
+            whole_learn(p, &tally);
         code = mni_plan_block(p->plan, block, &made, p->st);
         for (uint32_t i = e; i < next && code == MN_OK; i++) {
             p->exit[i].whole = whole;
