@@ -9,6 +9,11 @@
 
 #include "assert.h"
 
+enum {
+    FEW = 256,      /* items: a radix pass costs as much as so many steps of a heap */
+    TIE_STEPS = 16, /* an item, of insertion: what a heap would cost */
+};
+
 size_t mni_agenda_need(uint32_t max) {
     return mni_arena_need(max, sizeof(mni_agenda_item), 64);
 }
@@ -79,21 +84,24 @@ static void radix_pass(const mni_agenda_item *from, mni_agenda_item *to, uint32_
         to[start[(from[i].key >> shift) & 2047]++] = from[i];
 }
 
-/* Equal keys are few, or nearly sorted already. */
-static void insert_ties(mni_agenda_item *item, uint32_t count) {
-    for (uint32_t i = 1; i < count; i++) {
+/* Equal keys are few, or nearly sorted already. false: they are not, as in a file where every node
+ * has one error, and the order of all is unsettled. */
+static bool insert_ties(mni_agenda_item *item, uint32_t count) {
+    uint64_t steps_left = (uint64_t)TIE_STEPS * count;
+    for (uint32_t i = 1; i < count && steps_left > 0; i++) {
         mni_agenda_item moving = item[i];
         uint32_t at = i;
         for (; at > 0 && item[at - 1].key == moving.key && before(moving, item[at - 1]); at--)
             item[at] = item[at - 1];
         item[at] = moving;
+        steps_left -= i - at < steps_left ? i - at : steps_left;
     }
+    return steps_left > 0;
 }
 
 void mni_agenda_begin(mni_agenda *a) {
     uint32_t count = a->heap;
     mni_agenda_item *end = a->item + (a->max - count);
-    enum { FEW = 256 }; /* a radix pass costs as much as so many steps of a heap */
     if (count < FEW || 2 * count > a->max) {
         heapify(a->item, count); /* and they stay there */
         return;
@@ -101,7 +109,11 @@ void mni_agenda_begin(mni_agenda *a) {
     radix_pass(a->item, end, count, 0);
     radix_pass(end, a->item, count, 11);
     radix_pass(a->item, end, count, 22);
-    insert_ties(end, count);
+    if (!insert_ties(end, count)) {
+        memcpy(a->item, end, count * sizeof *end);
+        heapify(a->item, count);
+        return;
+    }
     a->heap = 0;
     a->next = a->max - count;
 }

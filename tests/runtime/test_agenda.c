@@ -98,6 +98,22 @@ START_TEST(smallest_first) {
 }
 END_TEST
 
+/* So many equal keys, the latest first, that no insertion should sort them. */
+START_TEST(many_ties) {
+    enum { TIES = 1 << 17 };
+    mni_agenda agenda;
+    mni_arena arena = open_agenda(&agenda, 2 * TIES);
+    mni_agenda_item item;
+    for (uint32_t i = TIES; i-- > 0;)
+        mni_agenda_add(&agenda, (mni_agenda_item){7, i, i});
+    mni_agenda_begin(&agenda);
+    for (uint32_t i = 0; i < TIES; i++)
+        ck_assert(mni_agenda_pop(&agenda, &item) && item.order == i && item.what == i);
+    ck_assert(!mni_agenda_pop(&agenda, &item));
+    mni_arena_close(&arena);
+}
+END_TEST
+
 /* What is ahead is what will be popped, as far as it is known. */
 START_TEST(ahead) {
     mni_agenda agenda;
@@ -127,6 +143,7 @@ int main(void) {
     TCase *tc = tcase_create("agenda");
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, smallest_first, 0, 7);
+    tcase_add_test(tc, many_ties);
     tcase_add_test(tc, ahead);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
