@@ -1,7 +1,7 @@
 /* The plan: one pure function from the cap to K, the front's room, and what each of them takes.
  *
  *     cap ≥ base      code, stacks, libc, page tables, kernel memory of the rings
- *         + front     active nodes × (2 slots, a pair, agenda) + simplices × (corners, links)
+ *         + front     active nodes × (slot, branch, agenda) + simplices × (corners, chunks)
  *         + pool      K × longest block
  *         + tables    hash and ancestor tables, board, rings: what the store takes besides
  *
@@ -31,6 +31,9 @@ enum {
     SIMPLICES_EXTRA = 1024,   /* beyond 9/4 a node: fronts with many hinges or fins */
 };
 #define POOL_FREE_BYTES (UINT64_C(256) << 20) /* of a pool without a cap */
+/* What the front's words have room for: 29 bits of a branch, two more of a corner of a simplex. */
+#define NODES_LIMIT (MNI_FRONT_NO_PARENT - 1)
+#define SIMPLICES_LIMIT (UINT32_MAX / 4)
 
 static uint32_t least_u32(uint64_t a, uint64_t b) {
     uint64_t least = a < b ? a : b;
@@ -41,14 +44,13 @@ static uint32_t least_u32(uint64_t a, uint64_t b) {
 /* A closed surface has 2 triangles a vertex; all of the file's do for full detail. */
 static uint32_t simplices_for(const mn_header *header, uint32_t nodes) {
     uint64_t all = header->triangles + header->hinges;
-    if (nodes >= header->leaves)
-        return least_u32(all, UINT32_MAX / 3);
-    return least_u32((uint64_t)nodes * 9 / 4 + SIMPLICES_EXTRA, all);
+    if (nodes < header->leaves)
+        all = least_u32((uint64_t)nodes * 9 / 4 + SIMPLICES_EXTRA, all);
+    return least_u32(all, SIMPLICES_LIMIT);
 }
 
-/* Slots are 32-bit, two a node, three corners a simplex. */
 static uint32_t front_limit(const mn_header *header, uint64_t wish) {
-    uint64_t most = header->leaves < UINT32_MAX / 8 ? header->leaves : UINT32_MAX / 8;
+    uint64_t most = header->leaves < NODES_LIMIT ? header->leaves : NODES_LIMIT;
     uint64_t least = header->roots > 0 ? header->roots : 1;
     return least_u32(wish < least ? least : wish, most > least ? most : least);
 }

@@ -32,6 +32,7 @@ static void check_plan(const mn_plan *p, const mn_header *h, uint64_t ram_bytes)
                       p->base_bytes + p->pool_bytes + p->front_bytes + p->tables_bytes);
     ck_assert_uint_ge(p->k, p->k_min);
     ck_assert(p->front_max >= h->roots && p->front_max <= h->leaves);
+    ck_assert(p->front_max < MNI_FRONT_NO_PARENT && p->simplices_max <= UINT32_MAX / 4);
     ck_assert(p->simplices_max <= h->triangles + h->hinges);
     ck_assert(p->front_max < h->leaves || p->simplices_max == h->triangles + h->hinges);
     ck_assert_uint_le(mni_ram_plan_arena_bytes(p, h, MN_STORE_PAGED) + p->base_bytes,
@@ -45,7 +46,7 @@ START_TEST(under_every_cap) {
     for (int i = 0; i < 5; i++) {
         for (int b = 0; b < 3; b++) {
             mn_header h = header_of(leaves[i], blocks[b]);
-            for (uint64_t ram = 1 << 20; ram <= UINT64_C(1) << 36; ram += ram / 3) {
+            for (uint64_t ram = 1 << 20; ram <= UINT64_C(1) << 40; ram += ram / 3) {
                 mni_ram_plan_desc desc = {.ram_bytes = ram, .k = (int64_t)(ram % 3) - 1};
                 desc.k = desc.k == 1 ? 100 : desc.k;
                 mn_plan plan;
