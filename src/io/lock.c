@@ -42,6 +42,7 @@ void mni_lock_give(mni_lock *lock) {
     if (lock->since_ns != 0) {
         uint64_t held_ns = now_ns() - lock->since_ns;
         lock->held_ns_max = held_ns > lock->held_ns_max ? held_ns : lock->held_ns_max;
+        lock->since_ns = 0; /* who gets it from a condition has not come through take */
     }
     pthread_mutex_unlock(&lock->mutex);
 }
