@@ -20,6 +20,7 @@ enum {
     TAIL_BYTES = 256 * 1024, /* appends of a few bytes become few, large writes */
     TEMP_TRIES_MAX = 1000,   /* names of this process in one directory */
     TEMP_NAME_BYTES = 64,
+    SELF_NAME_BYTES = 32,
 };
 
 /* ---- reading ------------------------------------------------------------------------------- */
@@ -107,12 +108,25 @@ static void temporary_name(mni_out *out, int number) {
              number);
 }
 
-/* A file without a name goes with the process, however that ends. Not every file system has them.
- */
+/* How a file without a name is found to be given one. */
+static void self_name(int fd, char name[SELF_NAME_BYTES]) {
+    snprintf(name, SELF_NAME_BYTES, "/proc/self/fd/%d", fd);
+}
+
+/* A file without a name goes with the process, however that ends. Not every file system has them,
+ * and where /proc is not there it could not be given one. -1: not here. */
 static int open_nameless(mni_out *out) {
+    char self[SELF_NAME_BYTES];
     size_t directory = directory_length(out->path);
     memcpy(out->temp + directory, ".", 2); /* PATH/. or . */
-    return open(out->temp, O_RDWR | O_TMPFILE | O_CLOEXEC, 0666);
+    int fd = open(out->temp, O_RDWR | O_TMPFILE | O_CLOEXEC, 0666);
+    if (fd < 0)
+        return -1;
+    self_name(fd, self);
+    if (access(self, F_OK) == 0)
+        return fd;
+    close(fd);
+    return -1;
 }
 
 static int open_temporary(mni_out *out) {
@@ -137,8 +151,8 @@ static int open_temporary(mni_out *out) {
 
 /* Gives a nameless file a temporary name: a link cannot take the place of what stands there. */
 static int name_temporary(mni_out *out) {
-    char self[64];
-    snprintf(self, sizeof self, "/proc/self/fd/%d", out->fd);
+    char self[SELF_NAME_BYTES];
+    self_name(out->fd, self);
     for (int i = 0; !out->named && i < TEMP_TRIES_MAX; i++) {
         temporary_name(out, i);
         out->named = linkat(AT_FDCWD, self, AT_FDCWD, out->temp, AT_SYMLINK_FOLLOW) == 0;
