@@ -8,8 +8,8 @@
  * send
  *
  * Normals are made of the active triangles: what is stored with a node describes the input beneath
- * it, not the surface that is drawn, and leaves have nothing. Weights are the areas, so that the
- * slivers of a coarse front hardly count. Sums are integers: what a triangle has added is taken
+ * it, not the surface that is drawn, and leaves have nothing. Weights are the angles
+ * at the corners, and slivers count for less. Sums are integers: what a triangle has added is taken
  * away again to the bit when it goes, and a sum does not depend on the way to it. So pictures do
  * not, either.
  *

@@ -310,7 +310,8 @@ static bool same_node(const mni_front *f, uint32_t slot, const mni_subtree *s,
                              f->face[slot].cone};
     return mni_facts_equal(&facts, &record->facts) && s->leaf_lo == key->leaf_lo &&
            s->leaf_hi == key->leaf_hi &&
-           memcmp(s->position, &f->position[3 * (size_t)slot], sizeof s->position) == 0;
+           memcmp(s->position, &f->position[3 * (size_t)slot], sizeof s->position) == 0 &&
+           (f->color == NULL || s->color == f->color[slot]);
 }
 
 /* Takes the block of a node's record into use once, for the first of its children. */
