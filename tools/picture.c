@@ -9,7 +9,7 @@ void picture_desc(const mn_session *session, uint32_t width, uint32_t height, mn
     mn_session_plan(session, &plan);
     *out = (mn_gl_desc){.width_px = width,
                         .height_px = height,
-                        .node_slots_max = 2 * plan.front_max,
+                        .node_slots_max = plan.front_max,
                         .simplex_slots_max = plan.simplices_max,
                         .has_colors = header->has_colors};
     memcpy(out->box_min, header->box_min, sizeof out->box_min);

@@ -26,7 +26,7 @@ static mn_gl *renderer(const mn_session *session) {
     mn_session_plan(session, &plan);
     mn_gl_desc desc = {.width_px = W,
                        .height_px = H,
-                       .node_slots_max = 2 * plan.front_max,
+                       .node_slots_max = plan.front_max,
                        .simplex_slots_max = plan.simplices_max,
                        .has_colors = h->has_colors};
     memcpy(desc.box_min, h->box_min, sizeof desc.box_min);
