@@ -248,7 +248,7 @@ void figures_table(const replay_figures *f, FILE *out) {
     if (f->store == MN_STORE_PAGED)
         fprintf(out,
                 "locks      %" PRIu64
-                " waits, %.1f us at most; the I/O thread held one for %.1f us at "
+                " waits, %.1f us at most; the I/O thread held the pool's for %.1f us at "
                 "most\n",
                 t->nav_lock_waits, 1e-3 * (double)t->nav_lock_wait_ns_max,
                 1e-3 * (double)t->io_lock_hold_ns_max);

@@ -123,7 +123,7 @@ typedef struct mn_session_stats {
     uint64_t urgent_up, urgent_down, urgent_down_refused, evictions;
     uint64_t checksum_failures, io_errors;
     uint64_t nav_lock_waits, nav_lock_wait_ns_max; /* Navigate's waits for a lock, in frames */
-    uint64_t io_lock_hold_ns_max;                  /* longest hold of a lock by the I/O thread */
+    uint64_t io_lock_hold_ns_max; /* longest hold of the pool's by the I/O thread */
 } mn_session_stats;
 
 typedef struct mn_session mn_session;

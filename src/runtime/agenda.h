@@ -41,9 +41,5 @@ bool mni_agenda_pop(mni_agenda *agenda, mni_agenda_item *out); /* false: empty *
 /* Drops what is not worth keeping. O(items). */
 void mni_agenda_keep(mni_agenda *agenda, bool (*keep)(const void *context, mni_agenda_item item),
                      const void *context);
-/* The sorted item so many places on, or NULL: to fetch what it needs ahead of its turn. */
-static inline const mni_agenda_item *mni_agenda_ahead(const mni_agenda *agenda, uint32_t places) {
-    return agenda->max - agenda->next > places ? &agenda->item[agenda->next + places] : NULL;
-}
 
 #endif

@@ -114,27 +114,6 @@ START_TEST(many_ties) {
 }
 END_TEST
 
-/* What is ahead is what will be popped, as far as it is known. */
-START_TEST(ahead) {
-    mni_agenda agenda;
-    mni_arena arena = open_agenda(&agenda, 2000);
-    for (uint32_t i = 0; i < 1000; i++)
-        mni_agenda_add(&agenda, new_item(i, 0));
-    mni_agenda_begin(&agenda);
-    mni_agenda_item item;
-    for (uint32_t left = 1000; left > 0; left--) {
-        const mni_agenda_item *third = mni_agenda_ahead(&agenda, 2);
-        ck_assert((third == NULL) == (left <= 2));
-        const mni_agenda_item *next = mni_agenda_ahead(&agenda, 0);
-        ck_assert_ptr_nonnull(next);
-        uint32_t expected = next->order;
-        ck_assert(mni_agenda_pop(&agenda, &item) && item.order == expected);
-    }
-    ck_assert_ptr_null(mni_agenda_ahead(&agenda, 0));
-    mni_arena_close(&arena);
-}
-END_TEST
-
 int main(void) {
     const char *seed = getenv("MN_SEED");
     random_state = seed != NULL ? strtoull(seed, NULL, 10) : 20261122;
@@ -144,7 +123,6 @@ int main(void) {
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, smallest_first, 0, 7);
     tcase_add_test(tc, many_ties);
-    tcase_add_test(tc, ahead);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }
