@@ -320,7 +320,7 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
     mni_entry own = mni_front_entry(f, p->parent, slot);
     const void *bytes;
     const mni_block *block = view_of(f, own, &bytes);
-    if ((p->flags & MNI_NODE_STUB) == 0) {
+    if ((p->flags & MNI_NODE_EXIT) == 0) {
         mni_block_node(block, f->face[slot].index, record);
         *entry = own;
         mni_store_add(f->store, *entry);
@@ -500,12 +500,12 @@ static uint32_t *reference(mni_front *f, uint32_t parent, uint32_t slot, uint32_
 static void node_set(mni_front *f, uint32_t slot, uint32_t parent, uint32_t above,
                      const mni_child *from) {
     mni_front_node *n = &f->node[slot];
-    bool leaf = from->kind == MNI_CHILD_LEAF, stub = from->kind == MNI_CHILD_SUBTREE;
+    bool leaf = from->kind == MNI_CHILD_LEAF, is_exit = from->kind == MNI_CHILD_SUBTREE;
     n->parent = parent & MNI_FRONT_NO_PARENT;
     n->witness = MN_NONE;
     f->face[slot].cone = leaf ? (mn_cone){0} : from->facts.cone;
-    f->face[slot].index = (uint16_t)(stub ? from->exit : from->node);
-    n->flags = stub ? MNI_NODE_STUB : 0;
+    f->face[slot].index = (uint16_t)(is_exit ? from->exit : from->node);
+    n->flags = is_exit ? MNI_NODE_EXIT : 0;
     f->node[slot].order = leaf ? f->node[slot].leaf_lo : from->facts.order;
     f->node[slot].above = above;
     f->radius[slot] = leaf ? 0 : from->facts.radius;
@@ -525,7 +525,7 @@ static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_ent
                                       .home = home,
                                       .slot = slot,
                                       .blocker = MN_NONE,
-                                      .stub = (p->flags & MNI_NODE_STUB) != 0};
+                                      .exit = (p->flags & MNI_NODE_EXIT) != 0};
     *reference(f, p->parent, slot, slot) = b | MNI_FRONT_BRANCH;
     return b;
 }
@@ -659,7 +659,7 @@ static void join(mni_front *f, uint32_t branch) {
     p->parent = b->parent & MNI_FRONT_NO_PARENT;
     p->witness = MN_NONE;
     f->face[slot] = b->face;
-    p->flags = b->stub ? MNI_NODE_STUB : 0;
+    p->flags = b->exit ? MNI_NODE_EXIT : 0;
     f->node_stamp[slot / MN_FRONT_PAGE] = (uint32_t)f->version;
     *reference(f, b->parent, slot, branch | MNI_FRONT_BRANCH) = slot;
     slot_free(f, right);

@@ -33,7 +33,7 @@ typedef enum mni_outcome {
 enum {
     MNI_NODE_BAD = 1,      /* its split found a bad block */
     MNI_NODE_GIVEN_UP = 2, /* Navigate's: its chain was refused by the pool */
-    MNI_NODE_STUB = 4,     /* its record is in another block than its parent's */
+    MNI_NODE_EXIT = 4,     /* its record is in another block than its parent's */
 };
 #define MNI_FRONT_BRANCH 0x80000000u /* set in a reference to a branch, clear in one to a slot */
 
@@ -66,7 +66,7 @@ typedef struct mni_front_chunk {
 
 typedef struct mni_front_face {
     mn_cone cone;
-    uint16_t index; /* its record: node in its parent's block, or, of a stub, exit */
+    uint16_t index; /* its record: node in its parent's block, or, of an exit, that */
 } mni_front_face;
 
 /* An expanded node. Its position and first leaf are those of its slot. */
@@ -79,7 +79,7 @@ typedef struct mni_front_branch {
     uint32_t home;        /* entry of the block with its record: where its children count */
     uint32_t slot;        /* that it had, and its leftmost descendant has; MN_NONE: free */
     uint32_t blocker;     /* Navigate's: a slot whose node blocked its collapse, or MN_NONE */
-    uint32_t stub : 1;    /* MNI_NODE_STUB */
+    uint32_t exit : 1;    /* MNI_NODE_EXIT */
     uint32_t killed : 31; /* simplices that its split brought */
 } mni_front_branch;
 

@@ -264,7 +264,7 @@ bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
     const mni_entry own = mni_front_entry(f, n->parent, slot);
     mni_entry entry = own;
     uint32_t lo = f->node[slot].leaf_lo;
-    mni_child at = {.kind = n->flags & MNI_NODE_STUB ? MNI_CHILD_SUBTREE : MNI_CHILD_INNER,
+    mni_child at = {.kind = n->flags & MNI_NODE_EXIT ? MNI_CHILD_SUBTREE : MNI_CHILD_INNER,
                     .node = f->face[slot].index,
                     .exit = f->face[slot].index};
     bool there = true;
