@@ -37,12 +37,17 @@ int cli_option(int argc, char **argv, const char *short_options, const struct op
     opterr = 0;
     int index = -1;
     int found = getopt_long(argc, argv, quiet, options, &index);
+    const char *name = argv[optind - 1];
+    if (found != '?' && optarg != NULL && *optarg == '\0') { /* -o "$unset" */
+        found = ':';
+        name = *name != '\0' ? name : argv[optind - 2];
+    }
     if (found == ':')
-        cli_error(MN_USAGE, "%s: option %s needs a value; see metanode %s --help", argv[0],
-                  argv[optind - 1], argv[0]);
+        cli_error(MN_USAGE, "%s: option %s needs a value; see metanode %s --help", argv[0], name,
+                  argv[0]);
     else if (found == '?')
-        cli_error(MN_USAGE, "%s: unknown option %s; see metanode %s --help", argv[0],
-                  argv[optind - 1], argv[0]);
+        cli_error(MN_USAGE, "%s: unknown option %s; see metanode %s --help", argv[0], name,
+                  argv[0]);
     return found == ':' ? '?' : found;
 }
 

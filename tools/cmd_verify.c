@@ -51,8 +51,10 @@ static mn_code read_input(const char *file, const char *path, mn_read_desc *desc
 
 static void report(const char *file, const char *against, const mn_verify_result *r, bool as_json) {
     if (!as_json) {
-        printf("%s: sound: %llu blocks, %llu nodes, %llu triangles, %llu hinges%s\n", file,
-               (unsigned long long)r->blocks, (unsigned long long)r->nodes,
+        printf("%s: sound: ", file);
+        if (r->blocks != 0) /* a .vdt has none */
+            printf("%llu blocks, ", (unsigned long long)r->blocks);
+        printf("%llu nodes, %llu triangles, %llu hinges%s\n", (unsigned long long)r->nodes,
                (unsigned long long)r->triangles, (unsigned long long)r->hinges,
                against != NULL ? "; full detail is the input" : "");
         return;

@@ -101,8 +101,12 @@ static bool finite_all(const float *v, int n) {
 
 static mn_code check_counts(const mn_header *h, uint64_t file_bytes, const char *name,
                             mn_status *st) {
-    FIELD(h->file_bytes == file_bytes && file_bytes % MN_PAGE_BYTES == 0, "file_bytes", PRIu64,
-          h->file_bytes);
+    if (h->file_bytes != file_bytes)
+        return mn_fail(st, MN_BAD_INPUT,
+                       "%s: header: file_bytes is %" PRIu64 ", the file has %" PRIu64
+                       ": copy it whole, or build it again",
+                       name, h->file_bytes, file_bytes);
+    FIELD(file_bytes % MN_PAGE_BYTES == 0, "file_bytes", PRIu64, file_bytes);
     FIELD(h->leaves >= 2 && h->leaves <= (1u << 31), "leaves", PRIu32, h->leaves);
     FIELD(h->roots >= 1 && h->roots <= MN_ROOTS_MAX && h->roots < h->leaves, "roots", PRIu32,
           h->roots);
@@ -217,7 +221,8 @@ mn_code mni_header_decode(const void *bytes, uint64_t file_bytes, const char *na
     memcpy(&p, bytes, sizeof p);
     if (memcmp(p.magic, magic, sizeof magic) != 0)
         return mn_fail(st, MN_BAD_INPUT,
-                       "%s: header: magic is not that of a .mnt; make one with metanode build",
+                       "%s: header: magic is not that of a .mnt; make one with metanode build, or "
+                       "with metanode block from a .vdt",
                        name);
     if (p.version != MNI_MNT_VERSION)
         return mn_fail(st, MN_BAD_INPUT,
@@ -249,8 +254,10 @@ mn_code mn_header_read(const char *path, mn_header *out, mn_status *st) {
     if (have < 0)
         code = mn_fail(st, MN_FAILED, "%s: cannot read: %s", path, strerror((int)-have));
     else if (have < (int64_t)sizeof bytes)
-        code = mn_fail(st, MN_BAD_INPUT, "%s: header: the file ends after %d bytes of %d", path,
-                       (int)have, MN_PAGE_BYTES);
+        code =
+            mn_fail(st, MN_BAD_INPUT,
+                    "%s: header: the file ends after %d bytes of %d; make one with metanode build",
+                    path, (int)have, MN_PAGE_BYTES);
     else
         code = mni_header_decode(bytes, in.size_bytes, path, out, st);
     mni_in_close(&in);

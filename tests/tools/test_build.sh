@@ -54,6 +54,8 @@ for options in "--blocking levels -L 3" "--block-bytes 4K" "--block-bytes 64K"; 
     expect 0 verify c.mnt --against in.ply
 done
 expect 0 verify a.vdt --against in.ply --json
+expect 0 verify a.vdt
+grep -q '^a.vdt: sound: [0-9]* nodes' out.txt || fail "verify of a .vdt: $(cat out.txt)"
 expect 0 build in.ply -o d.mnt --weld off --metric length -j 2 --ram 64M
 expect 0 verify d.mnt --against in.ply
 expect 0 info a.mnt --json
@@ -80,6 +82,11 @@ expect 2 extract a.mnt -o x.ply
 expect 2 extract a.mnt --full --error 1 -o x.ply
 expect 2 extract a.mnt --error -1 -o x.ply
 expect 2 verify
+expect 2 build in.ply -o ""
+says 'option -o needs a value'
+expect 2 build in.ply --output=
+says 'option --output= needs a value'
+expect 2 view a.mnt --json
 for command in build simplify block info verify extract; do
     expect 0 $command --help
 done
@@ -93,9 +100,16 @@ expect 3 block in.ply -o x.mnt
 expect 3 verify a.mnt --against a.mnt
 expect 0 make sphere --triangles 3000 --seed 2 -o other.ply
 expect 3 verify a.mnt --against other.ply
-head -c 5000 a.mnt >cut.mnt
-expect 3 info cut.mnt
-says file_bytes
+for bytes in 5000 8192; do # within a block, and after one
+    head -c $bytes a.mnt >cut.mnt
+    expect 3 info cut.mnt
+    says "file_bytes is $(wc -c <a.mnt), the file has $bytes: copy it whole"
+done
+: >cut.mnt
+expect 3 replay cut.mnt --path orbit
+says 'ends after 0 bytes of 4096; make one with metanode build'
+expect 3 replay a.vdt --path orbit
+says 'with metanode block from a .vdt'
 cp a.mnt torn.mnt
 printf 'x' | dd of=torn.mnt bs=1 seek=$(($(wc -c <a.mnt) - 6000)) conv=notrunc 2>dd.txt
 expect 0 info torn.mnt # the header alone is read
