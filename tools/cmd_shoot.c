@@ -7,12 +7,13 @@
 #include "picture.h"
 #include "session_options.h"
 
-static const char help[] = "usage: metanode shoot FILE --path P --frame N -o OUT.png [OPTION …]\n\n"
-                           "  -o FILE           the picture\n"
-                           "  --frame N         which frame of the path, from 0 (0)\n"
-                           "  --wireframe       edges over the surface\n"
-                           "  --lod-colors      by error: blue is fine, red is coarse\n"
-                           "  --flat            triangles shaded flat\n\n";
+static const char help[] =
+    "usage: metanode shoot FILE -o OUT.png [--path P] [--frame N] [OPTION …]\n\n"
+    "  -o FILE           the picture\n"
+    "  --frame N         which frame of --path (orbit), from 0 (0)\n"
+    "  --wireframe       edges over the surface\n"
+    "  --lod-colors      by error: blue is fine, red is coarse\n"
+    "  --flat            triangles shaded flat\n\n";
 
 enum {
     SHOOT_FRAME = SESSION_OPTION_END,

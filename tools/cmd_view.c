@@ -14,7 +14,7 @@
 #include "session_options.h"
 
 static const char help[] =
-    "usage: metanode view FILE --ram SIZE [OPTION …]\n\n"
+    "usage: metanode view FILE [--ram SIZE] [OPTION …]\n\n"
     "  Opens at the first camera of --path (orbit); --size is the window's at first.\n\n";
 
 static const char keys_help[] =
@@ -76,6 +76,8 @@ static int read_options(session_options *o, int argc, char **argv, bool *done) {
             return MN_USAGE;
         }
     }
+    if (o->json)
+        return cli_error(MN_USAGE, "view: --json is for replay and shoot");
     return session_options_file(o, argc, argv);
 }
 

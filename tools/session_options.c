@@ -8,7 +8,7 @@ enum { SIZE_MAX_PX = 16384 }; /* what drivers make at most */
 
 const char session_options_help[] =
     "  --path P          orbit, dive, flyover, or a path file\n"
-    "  --ram SIZE        cap of the whole process, such as 16M\n"
+    "  --ram SIZE        cap of the whole process, such as 16M; default: none\n"
     "  -K N              place holders; min: as few as work\n"
     "  --store S         paged (default), mapped, resident\n"
     "  --tolerance PX    error on the screen that is let pass (1.0)\n"
@@ -22,7 +22,7 @@ const char session_options_help[] =
     "  --io-serial       all reads of a frame done, in order, before the next\n"
     "  --seed S          of the simulated disk (0)\n"
     "  --barrier         each frame's camera stands until nothing changes\n"
-    "  --json            figures as one JSON object\n";
+    "  --json            figures as one JSON object; not of view\n";
 
 static void warn(void *context, const char *text) {
     (void)context;
