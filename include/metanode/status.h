@@ -21,9 +21,9 @@ typedef enum mn_code {
     MN_NO_GRAPHICS = 6,   /* no EGL, no display, no driver */
 } mn_code;
 
-/* What a write is called that failed with this errno: MN_NO_SPACE for a full disk, a quota or a limit
- * on files (ulimit -f; who wants that told instead of dying of SIGXFSZ ignores the signal), else
- * MN_FAILED. */
+/* What a write is called that failed with this errno: MN_NO_SPACE for a full disk, a quota or a
+ * limit on files (ulimit -f; who wants that told instead of dying of SIGXFSZ ignores the signal),
+ * else MN_FAILED. */
 mn_code mn_code_of_write(int error);
 
 /* One line: what, where, what to do. Owned by the caller; text is valid only when code != MN_OK. */
