@@ -143,6 +143,8 @@ void mni_tally_init(mni_tally *tally, bool has_colors);
 void mni_tally_node(mni_tally *tally, const mni_node *node);
 void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree);
 void mni_tally_simplex(mni_tally *tally, const uint32_t corner[3]);
+/* Adds all that another tally holds: the sum is as if everything had been tallied in one. */
+void mni_tally_merge(mni_tally *tally, const mni_tally *other);
 /* Bytes from the block's start to the end of its last column, with that many references. */
 uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs);
 

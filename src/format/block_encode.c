@@ -122,6 +122,18 @@ void mni_tally_simplex(mni_tally *tally, const uint32_t corner[3]) {
     tally->simplices++;
 }
 
+void mni_tally_merge(mni_tally *tally, const mni_tally *other) {
+    tally->nodes += other->nodes;
+    tally->subtrees += other->subtrees;
+    tally->exits += other->exits;
+    tally->simplices += other->simplices;
+    tally->has_overflow |= other->has_overflow;
+    for (uint32_t c = 0; c < COL_END; c++) {
+        tally->min[c] = other->min[c] < tally->min[c] ? other->min[c] : tally->min[c];
+        tally->max[c] = other->max[c] > tally->max[c] ? other->max[c] : tally->max[c];
+    }
+}
+
 static uint32_t column_width(const mni_tally *tally, uint32_t refs, uint32_t column) {
     switch (column) {
     case COL_KINDS: /* of a fixed width, as kinds change while a block is filled */

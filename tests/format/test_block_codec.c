@@ -102,6 +102,40 @@ static uint32_t encode_chain(unsigned char *bytes, uint32_t length, uint32_t nod
     return (uint32_t)end;
 }
 
+START_TEST(tallies_add_up) {
+    enum { NODES = 100 };
+    mni_tally all, part[2];
+    mni_tally_init(&all, true);
+    mni_tally_init(&part[0], true);
+    mni_tally_init(&part[1], true);
+    mni_tally_merge(&part[1], &part[0]); /* of nothing */
+    for (uint32_t i = 0; i < NODES; i++) {
+        mni_tally *to = &part[draw() % 2];
+        mni_node n = chain_node(i, NODES);
+        n.right_color = draw();
+        n.right_position[0] = (float)(int32_t)draw();
+        n.left.kind = (mni_child_kind)(draw() % 3);
+        n.left.facts = chain_facts(draw() % NODES, NODES);
+        n.overflow_ref = draw() % 50 == 0 ? 0 : MN_NONE;
+        mni_subtree top = {.node = i, .leaf_lo = draw(), .leaf_hi = draw(), .position = {0, 1, 2}};
+        uint32_t corner[3] = {draw(), draw(), i % 3 == 0 ? MN_NONE : draw()};
+        mni_tally_node(&all, &n);
+        mni_tally_node(to, &n);
+        mni_tally_subtree(&all, &top);
+        mni_tally_subtree(to, &top);
+        mni_tally_simplex(&all, corner);
+        mni_tally_simplex(to, corner);
+    }
+    mni_tally_merge(&part[0], &part[1]);
+    ck_assert_uint_eq(part[0].exits, all.exits);
+    ck_assert_uint_eq(part[0].has_overflow, all.has_overflow);
+    for (uint32_t refs = 0; refs < 300; refs += 100)
+        ck_assert_uint_eq(mni_tally_bytes(&part[0], refs), mni_tally_bytes(&all, refs));
+    ck_assert_mem_eq(part[0].min, all.min, sizeof all.min);
+    ck_assert_mem_eq(part[0].max, all.max, sizeof all.max);
+}
+END_TEST
+
 START_TEST(a_chain_may_be_so_deep_and_no_deeper) {
     enum { LENGTH = 65536 };
     unsigned char *bytes = malloc(LENGTH);
@@ -211,6 +245,7 @@ int main(void) {
     tcase_add_unchecked_fixture(t, seed, NULL);
     tcase_add_loop_test(t, every_width_round_trips, 0, 33);
     tcase_add_test(t, float_codes_keep_order_and_bits);
+    tcase_add_test(t, tallies_add_up);
     tcase_add_test(t, a_chain_may_be_so_deep_and_no_deeper);
     tcase_add_test(t, bounds_of_the_file_are_respected);
     tcase_add_test(t, a_cut_block_is_refused);
