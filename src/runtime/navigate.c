@@ -227,12 +227,6 @@ static void consider_split(mni_navigator *nav, uint32_t slot) {
     mni_agenda_push(&nav->agenda, item);
 }
 
-static void forget_given_up(mni_navigator *nav) {
-    for (uint32_t slot = 0; nav->given_up && slot < nav->front.slots_high; slot++)
-        nav->front.node[slot].flags &= 7 & ~MNI_NODE_GIVEN_UP;
-    nav->given_up = false;
-}
-
 /* Those of a batch of slots that are wanted, onto the agenda. */
 static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
     uint8_t verdict[MNI_SIEVE_BATCH];
@@ -271,15 +265,13 @@ static void split_agenda(mni_navigator *nav) {
     mni_agenda_begin(&nav->agenda);
 }
 
-static void refuse(mni_navigator *nav, uint32_t slot, mni_outcome outcome) {
+static void refuse(mni_navigator *nav, mni_outcome outcome) {
     switch (outcome) {
     case MNI_MISS:
     case MNI_BAD:
         nav->work.misses++;
         break;
     case MNI_REFUSED_POOL:
-        nav->front.node[slot].flags |= MNI_NODE_GIVEN_UP;
-        nav->given_up = true;
         nav->work.refused_pool++;
         nav->work.refused_split = true;
         break;
@@ -296,13 +288,45 @@ static void refuse(mni_navigator *nav, uint32_t slot, mni_outcome outcome) {
     }
 }
 
+/* Which refused chains are worth finding again in this pass. */
+static void refusals_begin(mni_navigator *nav) {
+    uint64_t epoch = mni_store_epoch(nav->front.store);
+    bool changed = epoch != nav->epoch;
+    nav->again = nav->moved || nav->front.version != nav->version || changed;
+    nav->lenient = !nav->moved && changed;
+    nav->turn = (nav->turn + 1) % MNI_TURNS;
+    nav->epoch = epoch;
+}
+
+/* Would the chain of a slot be refused as it was before? It needs the block that it was refused for
+ * as long as it stands. If it needs others too that others have brought in meanwhile, it needs less
+ * room than then: so all are tried when nothing else moves, and each in its turn. */
+static bool is_refused_still(const mni_navigator *nav, uint32_t slot) {
+    if ((nav->front.node[slot].flags & MNI_NODE_GIVEN_UP) == 0)
+        return false;
+    const mni_refusal *refusal = &nav->refusal[slot];
+    if (refusal->block_id == 0)
+        return !nav->again;
+    bool lenient = nav->lenient || (nav->moved && slot % MNI_TURNS == nav->turn);
+    return !mni_store_allows(nav->front.store, refusal, lenient);
+}
+
+/* Finds a chain and remembers what it was refused for. */
+static mni_outcome chain_try(mni_navigator *nav, uint32_t slot, uint32_t *count) {
+    if (is_refused_still(nav, slot))
+        return MNI_REFUSED_POOL;
+    nav->front.node[slot].flags &= 7 & ~MNI_NODE_GIVEN_UP;
+    mni_outcome outcome = chain_find(nav, slot, count);
+    if (outcome == MNI_REFUSED_POOL) {
+        nav->front.node[slot].flags |= MNI_NODE_GIVEN_UP;
+        nav->refusal[slot] = mni_store_refusal(nav->front.store);
+    }
+    return outcome;
+}
+
 static void split_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
-    uint64_t epoch = mni_store_epoch(front->store);
-    bool again = nav->moved || front->version != nav->version || epoch != nav->epoch;
-    nav->epoch = epoch;
-    if (again)
-        forget_given_up(nav);
+    refusals_begin(nav);
     split_agenda(nav);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     mni_agenda_item item;
@@ -312,10 +336,9 @@ static void split_pass(mni_navigator *nav) {
             continue;
         mni_outcome outcome = closed;
         if (closed == MNI_DONE)
-            outcome = front->node[slot].flags & MNI_NODE_GIVEN_UP ? MNI_REFUSED_POOL
-                                                                  : chain_find(nav, slot, &count);
+            outcome = chain_try(nav, slot, &count);
         if (outcome != MNI_DONE) {
-            refuse(nav, slot, outcome);
+            refuse(nav, outcome);
             if (outcome == MNI_REFUSED_FRONT || outcome == MNI_REFUSED_BUDGET)
                 closed = outcome;
             continue;
@@ -418,7 +441,8 @@ size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
                                 uint32_t simplices_max) {
     return mni_front_need_bytes(header, nodes_max, simplices_max) + mni_agenda_need(nodes_max) +
            mni_arena_need(MNI_STACK_MAX, sizeof(mni_front_ref), 64) +
-           mni_arena_need(chain_room(nodes_max), sizeof(uint32_t), 64);
+           mni_arena_need(chain_room(nodes_max), sizeof(uint32_t), 64) +
+           mni_arena_need(nodes_max, sizeof(mni_refusal), 64);
 }
 
 mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header *header,
@@ -428,6 +452,7 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     mni_agenda_open(&nav->agenda, nodes_max, arena);
     nav->stack = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->stack, 64);
     nav->chain = mni_arena_take(arena, nav->chain_max, sizeof *nav->chain, 64);
+    nav->refusal = mni_arena_take(arena, nodes_max, sizeof *nav->refusal, 64);
     nav->failed = -1;
     for (int i = 0; i < 3; i++)
         nav->coordinate_max =

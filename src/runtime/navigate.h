@@ -12,6 +12,7 @@ enum {
     MNI_LEVEL_MAX = 160,       /* of degrading: tolerance × 2^40 */
     MNI_LEVELS_A_DOUBLING = 4, /* the tolerance rises by 2^(1/4) a step */
     MNI_HOLD_FRAMES = 8,       /* after a step up, while the camera moves, no step down */
+    MNI_TURNS = 16,            /* frames in which each refused chain has its turn */
 };
 
 /* What a frame did and could not do (terms in design.md §1). */
@@ -35,6 +36,7 @@ typedef struct mni_navigator {
     mni_front_ref *stack; /* MNI_STACK_MAX */
     uint32_t *chain;      /* chain_max branches */
     uint32_t chain_max;
+    mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
 
     /* the frame */
     uint32_t width_px, height_px; /* by the session: at open, and when a window is resized */
@@ -44,8 +46,10 @@ typedef struct mni_navigator {
     double tolerance_px; /* as asked for; the lens has what is used */
     bool moved;          /* the camera or the tolerance is not the last frame's */
     bool settled_level;  /* the level of degrading would not change if the camera stood */
-    bool given_up;       /* some node is flagged so */
-    uint64_t version;    /* of the front, when chains were given up */
+    bool again;          /* a chain refused for no known block may go through now */
+    bool lenient;        /* nothing moved, but blocks came into use or went */
+    uint32_t turn;       /* of the frame: whose refused chains are tried, at less than their need */
+    uint64_t version;    /* of the front, at the end of the last pass of splits */
     uint64_t epoch;      /* of the store, then */
     mni_work work;
 

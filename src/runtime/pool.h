@@ -33,6 +33,7 @@ typedef struct mni_attempt {
     bool over;    /* something was given back: the next ask begins another */
     bool absent;  /* a block of it is absent */
     bool refused; /* the rules forbid a block of it */
+    int64_t room; /* when it began */
 } mni_attempt;
 
 typedef struct mni_pool {
@@ -59,6 +60,7 @@ typedef struct mni_pool {
     uint32_t *touched; /* slots that came into use or went out of it in this frame */
     uint32_t touched_count;
     mni_attempt attempt;
+    mni_refusal refusal;    /* the last one */
     bool waits_for_reads;   /* in this frame a switch waited for reads to end */
     uint64_t absent_serial; /* answers "absent" so far */
     uint64_t epoch;
@@ -75,6 +77,8 @@ mni_answer mni_pool_enter(mni_pool *pool, const mni_wish *wish, const void **byt
 void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone);
 mni_answer mni_pool_overflow(mni_pool *pool, const mni_wish *wish, const void **bytes);
 void mni_pool_attempt_over(mni_pool *pool);
+/* What the rules leave for blocks that are not in use; below 1: nothing. */
+int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use);
 /* Asks for a root block before the first frame; mni_pool_end_frame posts it. */
 void mni_pool_ask_root(mni_pool *pool, mn_block_ref ref);
 bool mni_pool_has(mni_pool *pool, uint32_t block_id);

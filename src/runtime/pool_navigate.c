@@ -29,52 +29,64 @@ static uint32_t k_in_service(const mni_pool *pool) {
     return pool->holders.k - pool->holders.count[MNI_HOLDER_RETIRED];
 }
 
+/* By how much the rules fail; 0 and below: they hold. own: the block's own grant, or
+ * MNI_HASHMAP_NONE. */
+
 /* May the block come into use, now that it is there? loads: it may not only because of reads that
- * will end. own: its own grant, or MNI_HASHMAP_NONE. */
-static bool down_is_allowed(const mni_pool *pool, const mni_wish *wish, uint32_t own, bool *loads) {
+ * will end. */
+static int64_t down_lacks(const mni_pool *pool, const mni_wish *wish, uint32_t own, bool *loads) {
     MN_ASSERT(pool->locked);
     int64_t k = k_in_service(pool);
     const mni_grant *grant =
         own != MNI_HASHMAP_NONE && !pool->grants.grant[own].used ? &pool->grants.grant[own] : NULL;
     *loads = false;
     if (wish->parent.id == 0 || k >= pool->header->blocks)
-        return true;
+        return 0;
     if (pool->header->blocking == MN_BLOCKING_PACKED) {
         int64_t outside = (int64_t)pool->grants.idle_outside - (grant != NULL && grant->outside);
-        return (int64_t)wish->table_count + wish->adds + outside <= k;
+        return (int64_t)wish->table_count + wish->adds + outside - k;
     }
     int64_t spare = k - (wish->in_use + 1) - ((int64_t)pool->grants.idle - (grant != NULL));
     *loads = spare >= 1;
-    return spare - pool->loading_plain >= 1;
+    return 1 - (spare - pool->loading_plain);
 }
 
-static bool urgent_is_allowed(const mni_pool *pool, const mni_wish *wish, uint32_t own) {
+static int64_t urgent_lacks(const mni_pool *pool, const mni_wish *wish, uint32_t own) {
     bool loads = false;
     int64_t k = k_in_service(pool);
     if (pool->header->blocking == MN_BLOCKING_PACKED)
-        return down_is_allowed(pool, wish, own, &loads);
+        return down_lacks(pool, wish, own, &loads);
     if (wish->parent.id == 0 || k >= pool->header->blocks)
-        return true;
+        return 0;
     bool idle = own != MNI_HASHMAP_NONE && !pool->grants.grant[own].used;
-    return k - wish->in_use - ((int64_t)pool->grants.idle - idle) >= URGENT_DOWN_SPARE;
+    return URGENT_DOWN_SPARE - (k - wish->in_use - ((int64_t)pool->grants.idle - idle));
 }
 
-static bool overflow_is_allowed(const mni_pool *pool, const mni_wish *wish, uint32_t own) {
+static int64_t overflow_lacks(const mni_pool *pool, const mni_wish *wish, uint32_t own) {
     MN_ASSERT(pool->locked);
     int64_t k = k_in_service(pool);
     bool has = own != MNI_HASHMAP_NONE;
     if (has || k >= pool->header->blocks)
-        return true; /* counted already */
+        return 0; /* counted already */
     if (pool->header->blocking == MN_BLOCKING_PACKED)
-        return (int64_t)wish->table_count + pool->grants.idle_outside + 1 <= k;
-    return k - wish->in_use - ((int64_t)pool->grants.idle + 1) >= 1;
+        return (int64_t)wish->table_count + pool->grants.idle_outside + 1 - k;
+    return 1 - (k - wish->in_use - ((int64_t)pool->grants.idle + 1));
+}
+
+/* Of the same numbers as the rules. The sums of grants and the number of retired places change by
+ * Navigate's hand alone, so that it may read them without the lock. */
+int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use) {
+    int64_t k = k_in_service(pool);
+    if (pool->header->blocking == MN_BLOCKING_PACKED)
+        return k - table_count - (int64_t)pool->grants.idle_outside;
+    return k - in_use - (int64_t)pool->grants.idle;
 }
 
 /* ---- asking ---------------------------------------------------------------------------------- */
 
-static void attempt_begins(mni_pool *pool) {
+static void attempt_begins(mni_pool *pool, const mni_wish *wish) {
     if (pool->attempt.over)
-        pool->attempt = (mni_attempt){.over = false};
+        pool->attempt = (mni_attempt){.room = mni_pool_room(pool, wish->table_count, wish->in_use)};
 }
 
 static mni_answer answer_absent(mni_pool *pool) {
@@ -83,18 +95,22 @@ static mni_answer answer_absent(mni_pool *pool) {
     return MNI_ABSENT;
 }
 
-static mni_answer answer_refused(mni_pool *pool) {
+/* lacks: by how much the rule fails. What the attempt has taken up to here stands in the room that
+ * it began with, so that much more would have been enough. */
+static mni_answer answer_refused(mni_pool *pool, const mni_wish *wish, int64_t lacks) {
+    int64_t need = pool->attempt.room + lacks;
     pool->attempt.refused = true;
+    pool->refusal = (mni_refusal){.block_id = wish->ref.id, .need = need > 1 ? (int32_t)need : 1};
     return MNI_REFUSED;
 }
 
 /* The block is not there: grants it, if the rules allow, so that it is fetched. */
 static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, uint32_t own,
-                          bool allowed) {
+                          int64_t lacks) {
     MN_ASSERT(pool->locked);
-    if (!allowed) {
+    if (lacks > 0) {
         pool->stats.urgent_down_refused++;
-        return answer_refused(pool);
+        return answer_refused(pool, wish, lacks);
     }
     if (own == MNI_HASHMAP_NONE) {
         bool outside = wish->way == MNI_WAY_OVERFLOW || (wish->way == MNI_WAY_DOWN && wish->adds);
@@ -130,14 +146,15 @@ static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void 
     mni_holder *holder = slot == MNI_HASHMAP_NONE ? NULL : &pool->holders.holder[slot];
     bool down = wish->way == MNI_WAY_DOWN;
     if (holder == NULL || !is_there(holder))
-        return ask_for(pool, wish, slot, own, !down || urgent_is_allowed(pool, wish, own));
+        return ask_for(pool, wish, slot, own, down ? urgent_lacks(pool, wish, own) : 0);
     if (holder->kind != MNI_FRAME_METANODE || holder->parent_id != wish->parent.id ||
         holder->ref.pages != wish->ref.pages)
         return answer_absent(pool); /* a lying file: another block refers to it */
     bool loads = false;
-    if (down && !down_is_allowed(pool, wish, own, &loads)) {
+    int64_t lacks = down ? down_lacks(pool, wish, own, &loads) : 0;
+    if (lacks > 0) {
         if (!loads)
-            return answer_refused(pool);
+            return answer_refused(pool, wish, lacks);
         if (own != MNI_HASHMAP_NONE) {
             pool->grants.grant[own].asked_frame = pool->frame;
             pool->grants.grant[own].waiting = false;
@@ -161,7 +178,7 @@ static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void 
 }
 
 mni_answer mni_pool_enter(mni_pool *pool, const mni_wish *wish, const void **bytes) {
-    attempt_begins(pool);
+    attempt_begins(pool, wish);
     mni_pool_lock(pool);
     mni_answer answer = enter_locked(pool, wish, bytes);
     mni_pool_unlock(pool);
@@ -201,14 +218,14 @@ static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const vo
     MN_ASSERT(pool->locked);
     uint32_t own = mni_grants_find(&pool->grants, wish->ref.id);
     uint32_t slot = mni_hashmap_find(&pool->by_id, wish->ref.id);
-    bool allowed = overflow_is_allowed(pool, wish, own);
+    int64_t lacks = overflow_lacks(pool, wish, own);
     if (slot == MNI_HASHMAP_NONE || !is_there(&pool->holders.holder[slot]))
-        return ask_for(pool, wish, slot, own, allowed);
+        return ask_for(pool, wish, slot, own, lacks);
     mni_holder *holder = &pool->holders.holder[slot];
     if (holder->kind != MNI_FRAME_OVERFLOW || holder->ref.pages != wish->ref.pages)
         return answer_absent(pool);
-    if (!allowed)
-        return answer_refused(pool);
+    if (lacks > 0)
+        return answer_refused(pool, wish, lacks);
     if (own == MNI_HASHMAP_NONE)
         own = mni_grants_add(&pool->grants, wish->ref, MN_NONE, MNI_WAY_OVERFLOW, true);
     if (own == MNI_HASHMAP_NONE)
@@ -224,7 +241,7 @@ static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const vo
 }
 
 mni_answer mni_pool_overflow(mni_pool *pool, const mni_wish *wish, const void **bytes) {
-    attempt_begins(pool);
+    attempt_begins(pool, wish);
     mni_pool_lock(pool);
     mni_answer answer = overflow_locked(pool, wish, bytes);
     mni_pool_unlock(pool);
@@ -236,7 +253,7 @@ void mni_pool_ask_root(mni_pool *pool, mn_block_ref ref) {
     mni_pool_lock(pool);
     uint32_t own = mni_grants_find(&pool->grants, ref.id);
     uint32_t slot = mni_hashmap_find(&pool->by_id, ref.id);
-    (void)ask_for(pool, &wish, slot, own, true);
+    (void)ask_for(pool, &wish, slot, own, 0);
     mni_pool_unlock(pool);
 }
 

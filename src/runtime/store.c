@@ -16,6 +16,7 @@ struct mni_store {
     const mn_header *header;
     /* Navigate only */
     mni_ancestors table;
+    bool table_full; /* what the last MNI_REFUSED was about, and no block */
 };
 
 static const mni_store_kind *kind_of(mn_store_kind kind) {
@@ -118,7 +119,8 @@ static mni_answer down(mni_store *store, mni_entry parent, mn_block_ref ref, mni
         *out = e;
         return MNI_GRANTED;
     }
-    if (e == MNI_NO_ENTRY && table->count == table->max)
+    store->table_full = e == MNI_NO_ENTRY && table->count == table->max;
+    if (store->table_full)
         return MNI_REFUSED;
     mni_wish wish = wish_for(store, MNI_WAY_DOWN, ref, parent);
     wish.adds = e == MNI_NO_ENTRY;
@@ -176,6 +178,20 @@ void mni_store_attempt_over(mni_store *store) {
     store->kind->attempt_over(store->blocks);
 }
 
+mni_refusal mni_store_refusal(const mni_store *store) {
+    if (store->table_full || store->kind->refusal == NULL)
+        return (mni_refusal){0};
+    return store->kind->refusal(store->blocks);
+}
+
+bool mni_store_allows(const mni_store *store, const mni_refusal *refusal, bool lenient) {
+    const mni_ancestors *table = &store->table;
+    MN_ASSERT(refusal->block_id != 0 && refusal->need > 0);
+    return store->kind->room(store->blocks, table->count, table->in_use) >=
+               (lenient ? 1 : refusal->need) ||
+           mni_ancestors_find(table, refusal->block_id) != MNI_NO_ENTRY;
+}
+
 const void *mni_store_bytes(mni_store *store, mni_entry entry, bool *fresh) {
     mni_ancestor *ancestor = &store->table.entry[entry];
     MN_ASSERT(entry < store->table.max && ancestor->usage > 0);
@@ -193,6 +209,7 @@ mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref re
                               const void **bytes) {
     MN_ASSERT(owner < store->table.max && store->table.entry[owner].usage > 0);
     *bytes = NULL;
+    store->table_full = false;
     if (!ref_is_sound(store->header, ref))
         return MNI_ABSENT;
     mni_wish wish = wish_for(store, MNI_WAY_OVERFLOW, ref, owner);

@@ -35,8 +35,15 @@ typedef enum mni_answer {
     MNI_ABSENT,  /* a miss: not in memory, and asked for (urgent prefetch), unless it has failed and
                     its next try is not due; or only reads under way stand in the way */
     MNI_REFUSED, /* the pool's rules or the table's size forbid it now: refused_pool. Worth another
-                    try when mni_store_epoch has risen or the camera moved */
+                    try when mni_store_allows says so */
 } mni_answer;
+
+/* What an attempt was refused for. A block that it needs and that is in no entry: each of its nodes
+ * will need that block until it has been split. */
+typedef struct mni_refusal {
+    uint32_t block_id; /* 0: not known; worth another try when mni_store_epoch has risen */
+    int32_t need;      /* the room that it would have had to begin with, above 0 */
+} mni_refusal;
 
 /* Content check of a block that has come from a disk, called by the thread that reads (I/O); pure.
  */
@@ -93,6 +100,11 @@ void mni_store_sub(mni_store *store, mni_entry entry);
 /* What was asked for up to here was one attempt (a chain of splits, a collapse), and it is over:
  * what is asked for next has nothing to do with it. */
 void mni_store_attempt_over(mni_store *store);
+/* Of the last MNI_REFUSED. */
+mni_refusal mni_store_refusal(const mni_store *store);
+/* May what was refused be granted now? false: it would be refused again. lenient: another may have
+ * brought some of its blocks in since, so that less room would do. */
+bool mni_store_allows(const mni_store *store, const mni_refusal *refusal, bool lenient);
 /* Bytes of a block in use; *fresh says that they have been mapped or loaded since the last call for
  * this entry, so that views onto them must be reopened. */
 const void *mni_store_bytes(mni_store *store, mni_entry entry, bool *fresh);

@@ -35,6 +35,10 @@ typedef struct mni_store_kind {
     mni_answer (*overflow)(void *self, const mni_wish *wish, const void **bytes);
     /* A node has left a block that stays in use: whatever was tried is over. */
     void (*attempt_over)(void *self);
+    /* Of the last MNI_REFUSED; and what the rules leave for blocks that are not in use. NULL: there
+     * are no rules. */
+    mni_refusal (*refusal)(const void *self);
+    int64_t (*room)(const void *self, uint32_t table_count, uint32_t in_use);
     void (*frame_begin)(void *self);
     void (*frame_end)(void *self, double frame_s);
     void (*drain)(void *self);

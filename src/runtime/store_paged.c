@@ -215,6 +215,14 @@ static void attempt_over(void *self) {
     mni_pool_attempt_over(&((paged *)self)->pool);
 }
 
+static mni_refusal refusal(const void *self) {
+    return ((const paged *)self)->pool.refusal;
+}
+
+static int64_t room(const void *self, uint32_t table_count, uint32_t in_use) {
+    return mni_pool_room(&((const paged *)self)->pool, table_count, in_use);
+}
+
 /* ---- figures --------------------------------------------------------------------------------- */
 
 static uint32_t pending(void *self) {
@@ -301,6 +309,8 @@ const mni_store_kind mni_store_paged = {
     .leave = leave,
     .overflow = overflow,
     .attempt_over = attempt_over,
+    .refusal = refusal,
+    .room = room,
     .frame_begin = frame_begin,
     .frame_end = frame_end,
     .drain = drain,
