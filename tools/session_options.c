@@ -1,10 +1,16 @@
 /* See session_options.h. Hides how options' texts become an mn_session_desc. */
 #include "session_options.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-enum { SIZE_MAX_PX = 16384 }; /* what drivers make at most */
+enum {
+    SIZE_MAX_PX = 16384, /* what drivers make at most */
+    FACTOR_MAX = 1000,
+    TIGHTER = 2, /* on silhouettes and for the light, when nothing else is said */
+};
+#define FACTOR "on, off, or a factor from 1 to 1000"
 
 const char session_options_help[] =
     "  --path P          orbit, dive, flyover, or a path file\n"
@@ -17,6 +23,13 @@ const char session_options_help[] =
     "  --frames N        frames of the whole path (600)\n"
     "  --fps F           frames a second; 0: as fast as can be (60)\n"
     "  --nav-ops N       splits and collapses a frame at most; 0: no limit (0)\n"
+    "  --frustum F       tolerance × F outside the picture: on (16), off, or a number\n"
+    "  --cones F         tolerance × F where all faces away: on (8), off, or a number\n"
+    "  --silhouettes F   tolerance ÷ F on silhouettes, and by its share where the surface is\n"
+    "                    tilted: off, on (2), or a number\n"
+    "  --light L         tolerance ÷ F where the light on a node's normals differs: off, on (the\n"
+    "                    picture's key light), or X,Y,Z, towards the light: right, up, back\n"
+    "  --light-factor F  that F (2)\n"
     "  --degrade on|off  raise the tolerance where the mesh does not fit (on)\n"
     "  --io M            uring (default), pread, sim\n"
     "  --io-serial       all reads of a frame done, in order, before the next\n"
@@ -30,7 +43,7 @@ static void warn(void *context, const char *text) {
 }
 
 void session_options_init(session_options *o) {
-    *o = (session_options){.fov_y_deg = 45, .frames = 600};
+    *o = (session_options){.fov_y_deg = 45, .frames = 600, .light_factor = TIGHTER};
     o->desc.fps = 60;
     o->desc.width_px = 1280;
     o->desc.height_px = 720;
@@ -53,6 +66,33 @@ static bool take_float(const char *value, double min, double max, float *out) {
         return false;
     *out = (float)v;
     return true;
+}
+
+/* on: that factor; off: 1; or a number. */
+static bool take_factor(const char *value, float on, float *out) {
+    static const char *const on_off[] = {"on", "off", NULL};
+    const int choice = cli_choice(value, on_off);
+    if (choice < 0)
+        return take_float(value, 1, FACTOR_MAX, out);
+    *out = choice == 0 ? on : 1;
+    return true;
+}
+
+/* on: the picture's key light; off; or a direction. */
+static bool take_light(session_options *o, const char *value) {
+    static const char *const on_off[] = {"on", "off", NULL};
+    const int choice = cli_choice(value, on_off);
+    float *from = o->desc.weights.light_from;
+    char rest = 0;
+    o->light = choice != 1;
+    if (choice >= 0) {
+        memset(from, 0, sizeof o->desc.weights.light_from);
+        return true;
+    }
+    if (sscanf(value, "%f,%f,%f%c", &from[0], &from[1], &from[2], &rest) != 3)
+        return false;
+    const float length = sqrtf(from[0] * from[0] + from[1] * from[1] + from[2] * from[2]);
+    return isfinite(length) && length > 0;
 }
 
 static bool take_choice(const char *value, const char *const *names, int *out) {
@@ -110,6 +150,18 @@ static const char *take(session_options *o, int option, const char *value) {
         return take_float(value, 0, 1e6, &o->desc.fps) ? NULL : "--fps: 0 to 1000000";
     case SESSION_NAV_OPS:
         return cli_u64(value, 0, UINT64_MAX, &o->desc.nav_ops) ? NULL : "--nav-ops: a number";
+    case SESSION_FRUSTUM:
+        return take_factor(value, 0, &o->desc.weights.outside) ? NULL : "--frustum: " FACTOR;
+    case SESSION_CONES:
+        return take_factor(value, 0, &o->desc.weights.away) ? NULL : "--cones: " FACTOR;
+    case SESSION_SILHOUETTES:
+        return take_factor(value, TIGHTER, &o->desc.weights.silhouette) ? NULL
+                                                                        : "--silhouettes: " FACTOR;
+    case SESSION_LIGHT:
+        return take_light(o, value) ? NULL : "--light: on, off, or a direction such as -1,1,1";
+    case SESSION_LIGHT_FACTOR:
+        return take_float(value, 1, FACTOR_MAX, &o->light_factor) ? NULL
+                                                                  : "--light-factor: 1 to 1000";
     case SESSION_DEGRADE:
         if (!take_choice(value, on_off, &choice))
             return "--degrade: on or off";
@@ -146,6 +198,7 @@ int session_options_file(session_options *o, int argc, char **argv) {
         return cli_error(MN_USAGE, "%s: %s; see metanode %s --help", argv[0],
                          argc == optind ? "which FILE?" : "one FILE at a time", argv[0]);
     o->desc.path = argv[optind];
+    o->desc.weights.light = o->light ? o->light_factor : 1;
     return MN_OK;
 }
 

@@ -21,7 +21,8 @@ typedef struct session_options {
     float fov_y_deg;       /* 45 */
     uint32_t frames;       /* 600 */
     bool frames_given;
-    bool json;
+    bool json, light;
+    float light_factor; /* for desc.weights, if light */
 } session_options;
 
 enum session_option { /* what cli_option returns for them; letters are free for the commands */
@@ -34,6 +35,11 @@ enum session_option { /* what cli_option returns for them; letters are free for 
                       SESSION_FRAMES,
                       SESSION_FPS,
                       SESSION_NAV_OPS,
+                      SESSION_FRUSTUM,
+                      SESSION_CONES,
+                      SESSION_SILHOUETTES,
+                      SESSION_LIGHT,
+                      SESSION_LIGHT_FACTOR,
                       SESSION_DEGRADE,
                       SESSION_IO,
                       SESSION_IO_SERIAL,
@@ -54,6 +60,11 @@ enum session_option { /* what cli_option returns for them; letters are free for 
         {"frames", required_argument, NULL, SESSION_FRAMES},                                       \
         {"fps", required_argument, NULL, SESSION_FPS},                                             \
         {"nav-ops", required_argument, NULL, SESSION_NAV_OPS},                                     \
+        {"frustum", required_argument, NULL, SESSION_FRUSTUM},                                     \
+        {"cones", required_argument, NULL, SESSION_CONES},                                         \
+        {"silhouettes", required_argument, NULL, SESSION_SILHOUETTES},                             \
+        {"light", required_argument, NULL, SESSION_LIGHT},                                         \
+        {"light-factor", required_argument, NULL, SESSION_LIGHT_FACTOR},                           \
         {"degrade", required_argument, NULL, SESSION_DEGRADE},                                     \
         {"io", required_argument, NULL, SESSION_IO},                                               \
         {"io-serial", no_argument, NULL, SESSION_IO_SERIAL},                                       \

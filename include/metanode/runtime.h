@@ -42,6 +42,20 @@ typedef enum mn_store_kind { MN_STORE_PAGED = 0, MN_STORE_MAPPED, MN_STORE_RESID
 typedef enum mn_io_kind { MN_IO_URING = 0, MN_IO_PREAD, MN_IO_SIM } mn_io_kind;
 enum { MN_K_FROM_RAM = 0, MN_K_MIN = -1 };
 
+/* What counts for more or less than its error on the screen: factors, 1 and more; 0: the default,
+ * 1: off. The tolerance is multiplied by the first two and divided by the last two, by whichever is
+ * larger of these. */
+typedef struct mn_weights {
+    float outside;    /* the frustum; 16 */
+    float away;       /* where all normals face away from the eye; 8 */
+    float silhouette; /* on silhouettes, and by its share, the sine of the angle between normal and
+                         eye, elsewhere; off */
+    float light;      /* where normals have all light and none, and by its share elsewhere; off */
+    float light_from[3]; /* towards the light: right, up and back of the camera, any length; 0, 0,
+                            0: the pictures' key light */
+} mn_weights;
+#define MN_LIGHT_KEY -0.441, 0.606, 0.662
+
 /* Faults of the simulated disk, each a chance in 1,000 a read. */
 typedef struct mn_sim_desc {
     uint32_t delay_us_max; /* virtual; 0: 200 */
@@ -67,7 +81,8 @@ typedef struct mn_session_desc {
     bool degrade_off;
     uint64_t seed; /* of the simulated disk */
     mn_sim_desc sim;
-    float tolerance_px;           /* 0: 1.0; as mn_session_set_tolerance */
+    float tolerance_px; /* 0: 1.0; as mn_session_set_tolerance */
+    mn_weights weights;
     uint32_t width_px, height_px; /* 0: 1280 × 720 */
     uint64_t nav_ops;             /* operations a frame; 0: no limit */
     float fps;                    /* virtual time a frame with sim; 0: free */
@@ -143,6 +158,8 @@ void mn_session_drain(mn_session *session);
 void mn_session_set_tolerance(mn_session *session, float tolerance_px);
 /* From the next frame on the picture has that size, above 0 each way: a window was resized. */
 void mn_session_set_size(mn_session *session, uint32_t width_px, uint32_t height_px);
+/* From the next frame on. */
+void mn_session_set_weights(mn_session *session, const mn_weights *weights);
 bool mn_session_at_roots(const mn_session *session);
 void mn_session_stats_get(const mn_session *session, mn_session_stats *out);
 /* All invariants of design.md §6 that a front and a pool can show, by full recount. Asserts. */

@@ -2,6 +2,10 @@
  * the last line of a fragment shader. Lights stand with the camera, so no view is dark. */
 #include "parts.h"
 
+#define TEXT(...) #__VA_ARGS__
+#define TEXT_OF(...) TEXT(__VA_ARGS__)
+#define KEY_LIGHT TEXT_OF(MN_LIGHT_KEY)
+
 /* Positions become relative to the eye before anything else: far from the file's origin, but near
  * the surface, the difference is exact where a product with one matrix would jitter. */
 const char mni_shader_surface_vertex[] =
@@ -100,7 +104,7 @@ const char mni_shader_surface_geometry[] =
     "    return pow(max(dot(n, normalize(l + v)), 0.0), power);\n"                                 \
     "}\n"                                                                                          \
     "vec3 lit(vec3 albedo, vec3 n, vec3 at) {\n"                                                   \
-    "    const vec3 key = vec3(-0.441, 0.606, 0.662), fill = vec3(0.784, -0.098, 0.613);\n"        \
+    "    const vec3 key = vec3(" KEY_LIGHT "), fill = vec3(0.784, -0.098, 0.613);\n"               \
     "    vec3 v = normalize(-at);\n"                                                               \
     "    float k = max(dot(n, key) * 0.95 + 0.05, 0.0), f = max(dot(n, fill) * 0.8 + 0.2, 0.0);\n" \
     "    vec3 sky = mix(vec3(0.07, 0.06, 0.055), vec3(0.17, 0.19, 0.22), n.y * 0.5 + 0.5);\n"      \

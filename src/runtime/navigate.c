@@ -394,7 +394,8 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->tolerance_px = tolerance_px;
     double used_px = tolerance_px * exp2((double)nav->level / MNI_LEVELS_A_DOUBLING);
     bool same = nav->lens.tolerance_px == used_px;
-    mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, nav->size, used_px);
+    mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, nav->size, used_px,
+                  &nav->weights);
     mni_sieve_make(&nav->sieve, &nav->lens, nav->coordinate_max);
     nav->work = (mni_work){0};
     bool moved = nav->moved;

@@ -39,7 +39,9 @@ typedef struct mni_navigator {
     mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
 
     /* the frame */
-    uint32_t width_px, height_px; /* by the session: at open, and when a window is resized */
+    /* by the session: at open, and when they change */
+    uint32_t width_px, height_px;
+    mn_weights weights;
     mni_lens lens;
     mni_sieve sieve; /* the lens, in single precision */
     mn_camera camera;

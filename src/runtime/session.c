@@ -98,6 +98,7 @@ static mn_code parts_open(mn_session *s, mn_status *st) {
     s->nav.degrades = !s->desc.degrade_off;
     s->nav.width_px = s->desc.width_px;
     s->nav.height_px = s->desc.height_px;
+    s->nav.weights = s->desc.weights;
     s->nav.size = model_size(&s->header);
     return mni_navigator_open(&s->nav, s->store, &s->header, s->plan.front_max,
                               s->plan.simplices_max, &s->arena, st);
@@ -279,6 +280,11 @@ void mn_session_set_size(mn_session *s, uint32_t width_px, uint32_t height_px) {
     s->nav.width_px = width_px;
     s->nav.height_px = height_px;
     s->nav.camera = (mn_camera){0}; /* the next frame's is another one: this counts as a move */
+}
+
+void mn_session_set_weights(mn_session *s, const mn_weights *weights) {
+    s->nav.weights = *weights;
+    s->nav.camera = (mn_camera){0}; /* as above */
 }
 
 bool mn_session_at_roots(const mn_session *s) {

@@ -6,11 +6,12 @@
  * decides: so the outcome is that function's for every node, whatever the vectors' width, and one
  * node in 10,000 is asked twice.
  *
- *     D > reach / f + r, f ≤ what the tolerance grows by for sure          unwanted
- *     D < reach / f + r, f ≥ what the tolerance grows by at most           wanted
+ *     D > reach × w + r, w ≥ the node's weight for sure          unwanted
+ *     D < reach × w + r, w ≤ the node's weight for sure          wanted
  *
  * "Faces away" is wanted.c's condition with the sine of a sum written out:
- * D sin(half + asin(r / D)) = sin(half) √(D² − r²) + cos(half) r.
+ * D sin(half + asin(r / D)) = sin(half) √(D² − r²) + cos(half) r. Silhouettes and light are sines
+ * and cosines of sums likewise; who does not ask for them does not pay for them.
  *
  * Pure functions; any thread; no memory. Paper: none. */
 #if defined(__GNUC__) && !defined(__clang__)
@@ -42,6 +43,14 @@ void mni_sieve_make(mni_sieve *s, const mni_lens *lens, float size) {
     bool squares_fit = largest > SIZE_LEAST && largest < SIZE_MOST;
     s->reach =
         lens->tolerance_px > 0 && squares_fit ? (float)(lens->scale_px / lens->tolerance_px) : NAN;
+    s->reach_most = s->reach * (float)lens->most;
+    s->outside = (float)(1 / lens->outside);
+    s->away = (float)(1 / lens->away);
+    s->silhouette = (float)lens->silhouette;
+    s->light = (float)lens->light;
+    for (int i = 0; i < 3; i++)
+        s->light_from[i] = (float)lens->light_from[i];
+    s->tightens = mni_lens_tightens(lens);
     s->distance_min = (float)(lens->distance_min * 1.0001);
 }
 
@@ -50,9 +59,49 @@ static inline float least_of(float a, float b) {
     return a < b ? a : b;
 }
 
+static inline float most_of(float a, float b) {
+    return a > b ? a : b;
+}
+
+/* A cone against the eye and the light, as judge() has it worked out: sines and cosines, each wrong
+ * by `wrong` at most. */
+typedef struct angles {
+    float cos_h, sin_h;        /* of the cone, up to a right angle */
+    float cos_eye, sin_spread; /* of its axis; of the sphere as the eye sees it */
+    float cos_spread, cos_light;
+    float wrong;
+    bool bounded; /* the cone: below a right angle */
+} angles;
+
+/* Between what and what the weight of a node lies that does not face away. Sines are taken from
+ * cosines: where these are near 1 that is wrong by the square root, and more by a little. */
+static inline __attribute__((always_inline)) void tightening(const mni_sieve *s, const angles *a,
+                                                             float *low, float *high) {
+    float wrong = 4 * sqrtf(a->wrong);
+    float sin_eye = sqrtf(most_of(1 - a->cos_eye * a->cos_eye, 0));
+    float sin_a = a->sin_h * a->cos_spread + a->cos_h * a->sin_spread;
+    float cos_a = a->cos_h * a->cos_spread - a->sin_h * a->sin_spread;
+    float cos_widest = a->cos_eye * cos_a - sin_eye * sin_a;
+    float sin_widest = sin_eye * cos_a + a->cos_eye * sin_a;
+    float least_cos = least_of(least_of(a->cos_eye, cos_a), cos_widest);
+    float most_s = least_cos < wrong ? 1 : sin_widest + wrong;
+    float least_s = least_cos < -wrong ? 1 : sin_widest - wrong;
+
+    float sin_light = sqrtf(most_of(1 - a->cos_light * a->cos_light, 0));
+    float bright = a->cos_light * a->cos_h + sin_light * a->sin_h;
+    float dark = most_of(a->cos_light * a->cos_h - sin_light * a->sin_h, 0);
+    float most_b = a->cos_light > a->cos_h - wrong ? 1 : bright;
+    float least_b = a->cos_light > a->cos_h + wrong ? 1 : bright;
+    float most_c = a->bounded ? most_of(most_b, 0) - dark + wrong : 1;
+    float least_c = most_of(least_b, 0) - dark - wrong;
+
+    *high = most_of(1, most_of(s->silhouette * most_s, 1 + (s->light - 1) * most_c));
+    *low = most_of(1, most_of(s->silhouette * least_s, 1 + (s->light - 1) * least_c));
+}
+
 /* Everything of one node; no branches. */
-static inline __attribute__((always_inline)) uint8_t judge(const mni_sieve *s,
-                                                           const mni_sieve_batch *b, int i) {
+static inline __attribute__((always_inline)) uint8_t
+judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens) {
     float dx = b->x[i] - s->eye[0], dy = b->y[i] - s->eye[1], dz = b->z[i] - s->eye[2];
     float r = b->radius[i], square = dx * dx + dy * dy + dz * dz, d = sqrtf(square);
     float slack = s->slack + RELATIVE * d;
@@ -86,12 +135,26 @@ static inline __attribute__((always_inline)) uint8_t judge(const mni_sieve *s,
     bool facing = (cos_h * most - sin_h * r < -slack) | (d < r - slack) |
                   (along > -length * (sin_h * least + cos_h * r - slack));
 
+    float low = 1, high = 1;
+    if (tightens) {
+        float scale = 1 / (d * length), to_light = u * s->light_from[0] + v * s->light_from[1];
+        bool beyond = d > r + slack;
+        angles a = {.cos_h = cos_h,
+                    .sin_h = sin_h,
+                    .cos_eye = beyond ? along * scale : -1,
+                    .sin_spread = beyond ? r / d : 1,
+                    .cos_spread = beyond ? sqrtf(most_of(rest, 0)) / d : 0,
+                    .cos_light = (to_light + w * s->light_from[2]) / length,
+                    .wrong = beyond ? 2e-6f + s->slack / d : 1,
+                    .bounded = b->angle[i] < 32768};
+        tightening(s, &a, &low, &high);
+    }
     float reach = s->reach * b->switch_value[i];
-    float surely = (out ? 1.0f / MNI_WANTED_OUTSIDE : 1) * (away ? 1.0f / MNI_WANTED_AWAY : 1);
-    float at_most = (in ? 1 : 1.0f / MNI_WANTED_OUTSIDE) * (facing ? 1 : 1.0f / MNI_WANTED_AWAY);
-    bool unwanted = d > (reach * surely + r) * (1 + RELATIVE) + slack;
-    bool wanted =
-        (d < (reach * at_most + r) * (1 - RELATIVE) - slack) & (reach * at_most > s->distance_min);
+    float at_most = (out ? s->outside : 1) * (away ? s->away : high);
+    float at_least = (in ? 1 : s->outside) * (facing ? low : s->away);
+    bool unwanted = d > (reach * at_most + r) * (1 + RELATIVE) + slack;
+    bool wanted = (d < (reach * at_least + r) * (1 - RELATIVE) - slack) &
+                  (reach * at_least > s->distance_min);
     return (uint8_t)(unwanted ? MNI_UNWANTED : wanted ? MNI_WANTED : MNI_UNSURE);
 }
 
@@ -102,14 +165,18 @@ static inline __attribute__((always_inline)) void far_all(const mni_sieve *s, co
         float dx = position[3 * i] - s->eye[0], dy = position[3 * i + 1] - s->eye[1];
         float dz = position[3 * i + 2] - s->eye[2], d = sqrtf(dx * dx + dy * dy + dz * dz);
         float slack = s->slack + RELATIVE * d;
-        far[i] = d > (s->reach * switch_value[i] + radius[i]) * (1 + RELATIVE) + slack;
+        far[i] = d > (s->reach_most * switch_value[i] + radius[i]) * (1 + RELATIVE) + slack;
     }
 }
 
 static inline __attribute__((always_inline)) void
 judge_all(const mni_sieve *s, const mni_sieve_batch *b, uint8_t verdict[MNI_SIEVE_BATCH]) {
-    for (int i = 0; i < MNI_SIEVE_BATCH; i++)
-        verdict[i] = judge(s, b, i);
+    if (s->tightens)
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++)
+            verdict[i] = judge(s, b, i, true);
+    else
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++)
+            verdict[i] = judge(s, b, i, false);
 }
 
 #if defined(__x86_64__)

@@ -15,9 +15,13 @@ typedef enum mni_verdict {
 /* A lens in single precision, with what it may be wrong by. Plain data. */
 typedef struct mni_sieve {
     float eye[3], plane[5][3];
-    float reach; /* × switch value: where it has the size of the tolerance; NaN: no telling */
-    float distance_min; /* the lens's, rounded up */
-    float slack;        /* absolute error of a difference of coordinates */
+    float reach;      /* × switch value: where it has the size of the tolerance; NaN: no telling */
+    float reach_most; /* and with the largest weight */
+    float outside, away;                    /* weights there */
+    float silhouette, light, light_from[3]; /* as the lens has them */
+    bool tightens;                          /* silhouettes or light count */
+    float distance_min;                     /* the lens's, rounded up */
+    float slack;                            /* absolute error of a difference of coordinates */
 } mni_sieve;
 
 /* Nodes' bounds, column by column. */

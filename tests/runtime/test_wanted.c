@@ -1,5 +1,6 @@
 /* Goal: what a camera wants is nested (a child is never wanted where its parent is not) and means
- * pixels. Method: closed forms at simple cameras, then random nodes, children and cameras. */
+ * pixels. Method: closed forms at simple cameras, then random nodes, children, cameras and weights.
+ */
 #include <check.h>
 #include <math.h>
 #include <stdio.h>
@@ -29,7 +30,7 @@ static mn_camera looking_down_z(void) {
 
 static mni_lens lens_of(mn_camera camera, double tolerance_px) {
     mni_lens lens;
-    mni_lens_make(&lens, &camera, 200, 100, 1, tolerance_px);
+    mni_lens_make(&lens, &camera, 200, 100, 1, tolerance_px, NULL);
     return lens;
 }
 
@@ -135,6 +136,99 @@ START_TEST(degenerate_cameras) {
 }
 END_TEST
 
+/* One factor, the others off. */
+static mni_lens lens_with(mn_weights weights) {
+    mn_camera camera = looking_down_z();
+    mni_lens lens;
+    if (weights.outside == 0)
+        weights.outside = 1;
+    if (weights.away == 0)
+        weights.away = 1;
+    mni_lens_make(&lens, &camera, 200, 100, 1, 1, &weights);
+    return lens;
+}
+
+static double weight_of(const mni_lens *lens, const mni_bounds *node) {
+    return mni_lens_priority(lens, node) / mni_lens_error_px(lens, node);
+}
+
+START_TEST(switched_off) {
+    const float back[3] = {0, 0, -1};
+    float in_view[3] = {0, 0, 0}, above[3] = {0, 20, 10};
+    mni_bounds behind = {in_view, 0, 1, mn_cone_make(back, 0.1f)};
+    mni_bounds outside = {above, 0, 1, mn_cone_make(back, 0.1f)};
+    mni_lens none = lens_with((mn_weights){0}), far = lens_with((mn_weights){.outside = 5});
+    mni_lens rear = lens_with((mn_weights){.away = 7});
+    ck_assert_double_eq(weight_of(&none, &behind), 1);
+    ck_assert_double_eq(weight_of(&none, &outside), 1);
+    ck_assert_double_eq_tol(weight_of(&far, &outside), 0.2, 1e-12);
+    ck_assert_double_eq(weight_of(&far, &behind), 1);
+    ck_assert_double_eq_tol(weight_of(&rear, &behind), 1 / 7.0, 1e-12);
+    ck_assert_double_eq(weight_of(&rear, &outside), 1); /* seen from above: edge on */
+    ck_assert(!mni_lens_tightens(&rear));
+}
+END_TEST
+
+/* At distance 10 on the axis, where the eye sees a point's normal under its own angle. */
+START_TEST(silhouettes) {
+    mni_lens lens = lens_with((mn_weights){.silhouette = 4});
+    float at[3] = {0, 0, 0};
+    static const struct {
+        double tilt, half, radius, weight;
+    } cases[] = {{0, 0, 0, 1},      /* face on: the sine is 0, and 1 the least weight */
+                 {PI / 6, 0, 0, 2}, /* 4 sin 30° */
+                 {0, PI / 6, 0, 2}, /* a cone counts by its far side */
+                 {PI / 2 - 0.1, 0.2, 0, 4},
+                 {PI / 2, 0, 0, 4},
+                 {0, 0, 5, 2}, /* asin(5 / 10) */
+                 {PI / 2 + 0.1, 0.2, 0, 4},
+                 {0, PI, 0, 4},
+                 {0, 0, 10, 4},          /* the eye inside */
+                 {PI - 0.5, 0.2, 0, 1}}; /* away, which is off: as if there were nothing */
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const float axis[3] = {(float)sin(cases[i].tilt), 0, (float)cos(cases[i].tilt)};
+        mni_bounds node = {at, (float)cases[i].radius, 1, mn_cone_make(axis, (float)cases[i].half)};
+        ck_assert_msg(fabs(weight_of(&lens, &node) - cases[i].weight) < 1e-3, "case %zu: %g", i,
+                      weight_of(&lens, &node));
+    }
+}
+END_TEST
+
+/* From the right of the camera. */
+START_TEST(light) {
+    mni_lens lens = lens_with((mn_weights){.light = 3, .light_from = {2, 0, 0}});
+    float at[3] = {0, 0, 0};
+    static const struct {
+        double tilt, half, weight;
+    } cases[] = {{PI / 2, 0, 1},      /* one normal has no difference */
+                 {PI / 2, PI / 3, 2}, /* cos 0 - cos 60° */
+                 {PI / 2, PI / 2, 3},
+                 {0, PI, 3},                   /* all and none */
+                 {0, PI / 6, 2},               /* cos 60° - nothing beyond the horizon */
+                 {-PI / 3, PI / 6 - 1e-3, 1}}; /* all in the dark */
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const float axis[3] = {(float)sin(cases[i].tilt), 0, (float)cos(cases[i].tilt)};
+        mni_bounds node = {at, 0, 1, mn_cone_make(axis, (float)cases[i].half)};
+        ck_assert_msg(fabs(weight_of(&lens, &node) - cases[i].weight) < 1e-3, "case %zu: %g", i,
+                      weight_of(&lens, &node));
+    }
+    /* without a direction: the key light of the pictures, left, above and behind the camera */
+    mni_lens key = lens_with((mn_weights){.light = 3});
+    ck_assert(key.light_from[0] < -0.4 && key.light_from[1] > 0.5 && key.light_from[2] > 0.5);
+}
+END_TEST
+
+static float random_factor(void) {
+    return uniform(0, 1) < 0.5 ? 0 : (float)uniform(1, 8);
+}
+
+static mn_weights random_weights(void) {
+    mn_weights w = {random_factor(), random_factor(), random_factor(), random_factor(), {0}};
+    for (int i = 0; i < 3; i++)
+        w.light_from[i] = (float)uniform(-1, 1);
+    return w;
+}
+
 static void random_direction(float out[3]) {
     double v[3], length;
     do {
@@ -172,7 +266,9 @@ START_TEST(nested) {
             camera.eye[k] = (float)uniform(-3, 3);
             camera.target[k] = (float)uniform(-3, 3);
         }
-        mni_lens lens = lens_of(camera, uniform(0.01, 1));
+        mni_lens lens;
+        mn_weights weights = random_weights();
+        mni_lens_make(&lens, &camera, 200, 100, 1, uniform(0.01, 1), &weights);
         ck_assert(!mni_lens_inside(&lens, &child) || mni_lens_inside(&lens, &parent));
         ck_assert(!mni_lens_away(&lens, &parent) || mni_lens_away(&lens, &child));
         ck_assert(mni_lens_priority(&lens, &child) <= mni_lens_priority(&lens, &parent));
@@ -197,6 +293,9 @@ int main(void) {
     tcase_add_test(tc, tolerance_grows);
     tcase_add_test(tc, away);
     tcase_add_test(tc, degenerate_cameras);
+    tcase_add_test(tc, switched_off);
+    tcase_add_test(tc, silhouettes);
+    tcase_add_test(tc, light);
     tcase_add_test(tc, nested);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
