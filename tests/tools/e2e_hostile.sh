@@ -573,6 +573,13 @@ replay good.mnt --path orbit --fps -1
 replay good.mnt --path orbit --tolerance nan
 replay good.mnt --path orbit --nav-ops x
 replay good.mnt --path orbit --degrade perhaps
+replay good.mnt --path orbit --frustum 0.5
+replay good.mnt --path orbit --cones perhaps
+replay good.mnt --path orbit --silhouettes 1001
+replay good.mnt --path orbit --light 0,0,0
+replay good.mnt --path orbit --light 1,2
+replay good.mnt --path orbit --light nan,0,1
+replay good.mnt --path orbit --light-factor x
 replay good.mnt --path orbit --seed x
 shoot good.mnt --path orbit --frame 5
 shoot good.mnt --path orbit --frame x -o x.png

@@ -85,10 +85,12 @@ fronts() {
 }
 
 # One front a camera, whatever gives the blocks, however they are cut, and whichever way it was reached.
+# settled_fronts MODEL WEIGHT…: under these options
 settled_fronts() {
     local model=$1 path
+    shift
     for path in orbit dive flyover; do
-        fronts reference "$model-packed.mnt" --path "$path" --store resident || continue
+        fronts reference "$model-packed.mnt" --path "$path" --store resident "$@" || continue
         holds "$model $path: the front moves" "$(sort -u reference.fronts | wc -l) > 3"
         local -A run=([mapped]="$model-packed.mnt --store mapped" [levels]="$model-levels.mnt --store resident"
             [paged]="$model-packed.mnt --store paged" [pread]="$model-levels.mnt --io pread"
@@ -96,8 +98,8 @@ settled_fronts() {
             [serial]="$model-levels.mnt --io-serial")
         for name in "${!run[@]}"; do
             # shellcheck disable=SC2086
-            fronts "$name" ${run[$name]} --path "$path" &&
-                check "$model $path: $name has resident's fronts" cmp "$name.fronts" reference.fronts
+            fronts "$name" ${run[$name]} --path "$path" "$@" &&
+                check "$model $path${*:+ }$*: $name has resident's fronts" cmp "$name.fronts" reference.fronts
         done
     done
 }
@@ -149,12 +151,21 @@ same_figures() {
 # ---- what is asked for is heeded --------------------------------------------------------------------
 
 options() {
-    local file=$1 coarse fine smallest
+    local file=$1 coarse fine smallest weight i
     expect 0 "fine" replay "$file" --path orbit --frames 5 --store resident --barrier --tolerance 0.25 --json &&
         fine=$(figures triangles_mean)
     expect 0 "coarse" replay "$file" --path orbit --frames 5 --store resident --barrier --tolerance 8 --json &&
         coarse=$(figures triangles_mean)
     holds "a smaller tolerance gives more triangles" "$coarse < 0.7 * $fine"
+    triangles=()
+    for weight in "" "--frustum off" "--cones off" "--silhouettes on" "--light 1,1,1"; do
+        # shellcheck disable=SC2086
+        expect 0 "weights: $weight" replay "$file" --path flyover --frames 9 --store resident --json $weight &&
+            triangles+=("$(figures triangles_mean)")
+    done
+    for i in 1 2 3 4; do
+        holds "weight $i: more triangles than with the defaults" "${triangles[$i]} > ${triangles[0]}"
+    done
     expect 0 "frames" replay "$file" --path flyover --frames 7 --fps 0 --json && equal frames frames 7
     expect 0 "one frame" replay "$file" --path dive --frames 1 --fps 0 --json && equal "one frame" frames 1
     expect 0 "budget" replay "$file" --path orbit --frames 10 --fps 0 --nav-ops 5 --json --csv budget.csv &&
@@ -189,6 +200,7 @@ expect 0 hills make terrain --triangles 6000 --seed 5 -o hills.ply || finish
 build_model hills || finish
 part settled_fronts torus
 part settled_fronts hills
+part settled_fronts torus --frustum 3 --cones off --silhouettes 4 --light on --light-factor 3
 part without_o_direct hills
 part same_figures hills
 part options hills-packed.mnt

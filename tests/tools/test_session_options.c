@@ -79,6 +79,22 @@ START_TEST(limits) {
 }
 END_TEST
 
+START_TEST(weights) {
+    const char *const arguments[] = {"--frustum=off", "--cones",  "3",
+                                     "--silhouettes", "on",       "--light-factor=4",
+                                     "--light",       "-1,0.5,2", "a.mnt"};
+    const char *const none[] = {"a.mnt", "--light-factor", "4"};
+    const mn_weights *w = &o.desc.weights;
+    ck_assert_int_eq(parse(3, none), MN_OK);
+    ck_assert(w->outside == 0 && w->away == 0 && w->silhouette == 0 && w->light == 1);
+    ck_assert_int_eq(parse(9, arguments), MN_OK);
+    ck_assert(w->outside == 1 && w->away == 3 && w->silhouette == 2 && w->light == 4);
+    ck_assert(w->light_from[0] == -1 && w->light_from[1] == 0.5f && w->light_from[2] == 2);
+    ck_assert_int_eq(parse_one("--light", "on"), MN_OK);
+    ck_assert(w->light == 2 && w->light_from[0] == 0);
+}
+END_TEST
+
 START_TEST(one_file) {
     const char *const two[] = {"a.mnt", "b.mnt"};
     const char *const option[] = {"a.mnt", "--ram"};
@@ -105,6 +121,7 @@ int main(void) {
     tcase_add_test(tc, defaults);
     tcase_add_test(tc, all_at_once);
     tcase_add_test(tc, limits);
+    tcase_add_test(tc, weights);
     tcase_add_test(tc, one_file);
     tcase_add_test(tc, help_names_all);
     suite_add_tcase(suite, tc);
