@@ -25,17 +25,23 @@ static double dot(const double *a, const double *b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-mn_code mni_judge_open(mni_judge *j, const mn_mesh *mesh, mn_status *st) {
+mn_code mni_judge_room(mni_judge *j, uint32_t vertices, uint32_t triangles, mn_status *st) {
     *j = (mni_judge){.ring_room = RING_ROOM};
-    j->normal = malloc((size_t)mesh->triangles * 3 * sizeof *j->normal);
-    j->seen = calloc(mesh->vertices, sizeof *j->seen);
+    j->normal = malloc((size_t)triangles * 3 * sizeof *j->normal);
+    j->seen = calloc(vertices, sizeof *j->seen);
     j->ring = malloc(j->ring_room * sizeof *j->ring);
     j->around = malloc(j->ring_room * sizeof *j->around);
     if (j->normal == NULL || j->seen == NULL || j->ring == NULL || j->around == NULL) {
         mni_judge_close(j);
-        return mn_fail(st, MN_FAILED, "out of memory while simplifying %u triangles",
-                       mesh->triangles);
+        return mn_fail(st, MN_FAILED, "out of memory while simplifying %u triangles", triangles);
     }
+    return MN_OK;
+}
+
+mn_code mni_judge_open(mni_judge *j, const mn_mesh *mesh, mn_status *st) {
+    mn_code code = mni_judge_room(j, mesh->vertices, mesh->triangles, st);
+    if (code != MN_OK)
+        return code;
     for (uint32_t t = 0; t < mesh->triangles; t++) {
         const uint32_t *c = &mesh->corner[3 * (size_t)t];
         double n[3];

@@ -44,6 +44,8 @@ typedef struct mni_judge {
 } mni_judge;
 
 mn_code mni_judge_open(mni_judge *judge, const mn_mesh *mesh, mn_status *st);
+/* The same, but that the caller fills normal[]. */
+mn_code mni_judge_room(mni_judge *judge, uint32_t vertices, uint32_t triangles, mn_status *st);
 void mni_judge_close(mni_judge *judge);
 
 /* Fills judge->around and judge->ring with the neighbours of v. */

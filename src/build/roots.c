@@ -36,7 +36,7 @@ typedef struct box {
 } box;
 
 typedef struct root_boxes {
-    const float *position;
+    const mni_vertex *vertex;
     uint32_t *root;   /* vertices, sorted into buckets; MN_NONE: gone */
     uint32_t *bucket; /* a root: which */
     uint32_t count;
@@ -64,7 +64,7 @@ static box bounds_of(const root_boxes *g, uint32_t from, uint32_t to) {
     box b = nothing;
     for (uint32_t i = from; i < to; i++)
         if (g->root[i] != MN_NONE) {
-            const float *p = &g->position[3 * (size_t)g->root[i]];
+            const float *p = g->vertex[g->root[i]].p;
             widen(&b, p, p, g->root[i]);
         }
     return b;
@@ -84,7 +84,7 @@ static void fit(root_boxes *g, uint32_t i) {
 }
 
 static bool before(const root_boxes *g, int side, uint32_t a, uint32_t b) {
-    float x = g->position[3 * (size_t)a + side], y = g->position[3 * (size_t)b + side];
+    float x = g->vertex[a].p[side], y = g->vertex[b].p[side];
     return x != y ? x < y : a < b; /* never equal: halves come out as large as asked for */
 }
 
@@ -165,7 +165,7 @@ static mni_heap_key promise(const root_boxes *g, uint32_t i, const float *p) {
 
 /* r's nearest other root. */
 static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
-    const float *p = &g->position[3 * (size_t)r];
+    const float *p = g->vertex[r].p;
     mni_heap_key best = MNI_HEAP_KEY_NONE;
     struct {
         mni_heap_key key;
@@ -194,7 +194,7 @@ static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
             uint32_t v = g->root[i];
             if (v == MN_NONE || v == r)
                 continue;
-            const float *q = &g->position[3 * (size_t)v];
+            const float *q = g->vertex[v].p;
             mni_heap_key found = mni_heap_key_make(distance2(p, q, q), v);
             best = found < best ? found : best;
         }
@@ -203,7 +203,7 @@ static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
 }
 
 static mn_code join(mni_simplifier *s, root_boxes *g) {
-    for (uint32_t v = 0; v < s->mesh->vertices; v++)
+    for (uint32_t v = 0; v < s->surface.vertices; v++)
         if (s->surface.vertex[v].node != MN_NONE)
             mni_heap_set(&s->heap, v, nearest(g, v));
     for (uint32_t left = g->count; left > 1;) {
@@ -224,12 +224,12 @@ static mn_code join(mni_simplifier *s, root_boxes *g) {
 }
 
 mn_code mni_simplify_roots(mni_simplifier *s) {
-    uint32_t roots = s->mesh->vertices - s->made.count;
+    uint32_t roots = s->surface.vertices - s->made.count;
     if (roots == 1)
         return MN_OK;
-    root_boxes g = {.position = s->mesh->position,
+    root_boxes g = {.vertex = s->surface.vertex,
                     .root = malloc(roots * sizeof *g.root),
-                    .bucket = malloc((size_t)s->mesh->vertices * sizeof *g.bucket),
+                    .bucket = malloc((size_t)s->surface.vertices * sizeof *g.bucket),
                     .buckets = 1};
     while (roots / g.buckets >= BUCKET_MAX)
         g.buckets *= 2;
@@ -238,7 +238,7 @@ mn_code mni_simplify_roots(mni_simplifier *s) {
     if (g.root == NULL || g.bucket == NULL || g.boxes == NULL) {
         code = mn_fail(s->st, MN_FAILED, "out of memory while joining %u components", roots);
     } else {
-        for (uint32_t v = 0; v < s->mesh->vertices; v++)
+        for (uint32_t v = 0; v < s->surface.vertices; v++)
             if (s->surface.vertex[v].node != MN_NONE)
                 g.root[g.count++] = v;
         MN_ASSERT(g.count == roots);

@@ -151,8 +151,8 @@ static bool allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
 
 /* What a node's switch value has risen to is kept when it becomes a child, or at the end. */
 static void settle_value(mni_simplifier *s, const mni_vertex *v) {
-    if (v->node >= s->mesh->vertices)
-        s->made.switch_value[v->node - s->mesh->vertices] = v->value;
+    if (v->node >= s->surface.vertices)
+        s->made.switch_value[v->node - s->surface.vertices] = v->value;
 }
 
 mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k) {
@@ -163,15 +163,15 @@ mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k) {
     settle_value(s, kept);
     settle_value(s, removed);
     mni_witness_collapse(&s->witness, &s->surface, s->judge.around, s->judge.ring_count, r, k);
-    kept->node = s->mesh->vertices + at;
+    kept->node = s->surface.vertices + at;
     removed->node = MN_NONE;
     s->counts.collapses_by_stage[s->stage - 1]++;
     if (s->stage == 1)
-        s->legal_last = s->mesh->vertices + at;
+        s->legal_last = s->surface.vertices + at;
     if (s->witness.no_memory || s->judge.no_memory)
         return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
     if (s->desc.progress != NULL && at % PROGRESS_EVERY == 0 &&
-        !s->desc.progress(s->desc.progress_context, "simplify", at, s->mesh->vertices))
+        !s->desc.progress(s->desc.progress_context, "simplify", at, s->surface.vertices))
         return mn_fail(s->st, MN_FAILED, "interrupted");
     return MN_OK;
 }
@@ -260,7 +260,7 @@ static void look_ahead(const mni_simplifier *s) {
 
 static mn_code run_stage(mni_simplifier *s, int stage) {
     s->stage = stage;
-    for (uint32_t v = 0; v < s->mesh->vertices; v++)
+    for (uint32_t v = 0; v < s->surface.vertices; v++)
         if (s->surface.vertex[v].node != MN_NONE)
             offer(s, v);
     for (;;) {
@@ -293,7 +293,7 @@ static mn_code run_stage(mni_simplifier *s, int stage) {
 
 /* One look at every ring: the input's edges are counted, and boundaries get their walls. */
 static void look_at_edges(mni_simplifier *s) {
-    for (uint32_t v = 0; v < s->mesh->vertices; v++) {
+    for (uint32_t v = 0; v < s->surface.vertices; v++) {
         if (mni_judge_regular(&s->judge, &s->surface, v))
             continue;
         mni_judge_ring(&s->judge, &s->surface, v);
@@ -327,7 +327,7 @@ uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
     uint64_t a_vertex = sizeof(mni_vertex) + 8 /* seen */ + sizeof(mni_heap_item) + 4 /* heap */ +
                         12 /* collapses */ + 4 /* own */ + sizeof(mni_witnesses) / 2;
     uint64_t a_triangle = sizeof(mni_simplex) + 12 /* origin */ + 24 /* pool */ +
-                          24 /* pool, packed */ + 12 /* normal */ + 8 /* own */;
+                          24 /* pool, packed */ + 12 /* normal */ + 12 /* own */;
     uint64_t a_hinge = (sizeof(mni_simplex) + 12) * 5 / 4 + 8 /* pool */ + 12 /* tree */ + 9;
     uint64_t tree = vertices * (12 + 4 + 4 * 5 + 8 + 6 + 4 + 4 + 12) + triangles * 12;
     return mesh + vertices * a_vertex + triangles * a_triangle +
@@ -375,9 +375,9 @@ static mn_code run(mni_simplifier *s) {
     MN_ASSERT(s->surface.alive_triangles == 0 && s->surface.alive_hinges == 0);
     s->stage = 4;
     s->judge.ring_count = 0; /* virtual edges have no ring */
-    s->counts.components = s->mesh->vertices - s->made.count;
+    s->counts.components = s->surface.vertices - s->made.count;
     code = mni_simplify_roots(s);
-    for (uint32_t v = 0; v < s->mesh->vertices; v++)
+    for (uint32_t v = 0; v < s->surface.vertices; v++)
         if (s->surface.vertex[v].node != MN_NONE)
             settle_value(s, &s->surface.vertex[v]);
     return code;

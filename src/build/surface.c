@@ -32,37 +32,21 @@ static void *take_lines(size_t bytes) {
     return p;
 }
 
-static void fill_fans(mni_surface *s) {
-    for (uint32_t t = 0; t < s->triangles; t++)
-        for (int c = 0; c < 3; c++)
-            s->vertex[s->simplex[t].v[c]].fan.room++;
-    uint32_t at = 0;
-    for (uint32_t v = 0; v < s->vertices; v++) {
-        mni_fan *f = &s->vertex[v].fan;
-        f->first = at;
-        f->room += FAN_SLACK;
-        at += f->room;
-    }
-    for (uint32_t t = 0; t < s->triangles; t++)
-        for (int c = 0; c < 3; c++) {
-            mni_fan *f = &s->vertex[s->simplex[t].v[c]].fan;
-            s->pool[f->first + f->count++] = t;
-        }
-    s->pool_used = at;
-}
-
-mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
-    *s = (mni_surface){.vertices = mesh->vertices,
-                       .triangles = mesh->triangles,
-                       .simplices = mesh->triangles,
-                       .alive_triangles = mesh->triangles};
+mn_code mni_surface_room(mni_surface *s, uint32_t vertices, uint32_t triangles, uint32_t hinges,
+                         mn_status *st) {
+    uint32_t simplices = triangles + hinges;
+    *s = (mni_surface){.vertices = vertices,
+                       .triangles = triangles,
+                       .simplices = simplices,
+                       .alive_triangles = triangles,
+                       .alive_hinges = hinges};
     /* Hinges are rare (one in 10^5 triangles of a scan); loose triangles make one each. */
-    s->simplices_room = mesh->triangles + mesh->triangles / 64 + 16;
-    s->pool_room = (size_t)mesh->triangles * 3 + (size_t)mesh->vertices * FAN_SLACK +
-                   (size_t)mesh->triangles + 64;
+    s->simplices_room = simplices + triangles / 64 + 16;
+    s->pool_room = (size_t)triangles * 3 + (size_t)hinges * 2 + (size_t)vertices * FAN_SLACK +
+                   (size_t)triangles + 64;
     if (s->pool_room > UINT32_MAX)
         return mn_fail(st, MN_CAP_TOO_SMALL, "%u triangles are too many to simplify in memory",
-                       mesh->triangles);
+                       triangles);
     s->simplex = take_lines(s->simplices_room * sizeof *s->simplex);
     s->origin = malloc((size_t)s->simplices_room * 3 * sizeof *s->origin);
     s->vertex = take_lines(s->vertices * sizeof *s->vertex);
@@ -71,6 +55,36 @@ mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
         mni_surface_close(s);
         return no_memory(st);
     }
+    return MN_OK;
+}
+
+static int corners_of(const mni_simplex *x) {
+    return x->v[2] == MN_NONE ? 2 : 3;
+}
+
+void mni_surface_index(mni_surface *s) {
+    for (uint32_t x = 0; x < s->simplices; x++)
+        for (int c = 0; c < corners_of(&s->simplex[x]); c++)
+            s->vertex[s->simplex[x].v[c]].fan.room++;
+    uint32_t at = 0;
+    for (uint32_t v = 0; v < s->vertices; v++) {
+        mni_fan *f = &s->vertex[v].fan;
+        f->first = at;
+        f->room += FAN_SLACK;
+        at += f->room;
+    }
+    for (uint32_t x = 0; x < s->simplices; x++)
+        for (int c = 0; c < corners_of(&s->simplex[x]); c++) {
+            mni_fan *f = &s->vertex[s->simplex[x].v[c]].fan;
+            s->pool[f->first + f->count++] = x;
+        }
+    s->pool_used = at;
+}
+
+mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
+    mn_code code = mni_surface_room(s, mesh->vertices, mesh->triangles, 0, st);
+    if (code != MN_OK)
+        return code;
     memcpy(s->origin, mesh->corner, (size_t)mesh->triangles * 3 * sizeof *s->origin);
     for (uint32_t t = 0; t < mesh->triangles; t++) {
         const uint32_t *c = &mesh->corner[3 * (size_t)t];
@@ -80,7 +94,7 @@ mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
         const float *p = &mesh->position[3 * (size_t)v];
         s->vertex[v] = (mni_vertex){.p = {p[0], p[1], p[2]}, .set = MN_NONE, .node = v};
     }
-    fill_fans(s);
+    mni_surface_index(s);
     return MN_OK;
 }
 

@@ -9,7 +9,8 @@
  *   pool:  | v0's room | v1's room | …                 | free |
  *
  * A list that outgrows its room moves to the pool's free end; when that is used up the pool is
- * packed afresh. Order of calls: open, then collapse as one likes, close. One thread. Memory: 128
+ * packed afresh. Order of calls: open (or room and index), then
+ * collapse as one likes, close. One thread. Memory: 128
  * bytes a vertex, 52 a triangle, as much as the pool again while it is packed; hinges come on top.
  */
 #ifndef MNI_SURFACE_H
@@ -75,7 +76,13 @@ typedef struct mni_surface {
     uint32_t dead_room;
 } mni_surface;
 
+/* Leaves alone, and their triangles. */
 mn_code mni_surface_open(mni_surface *surface, const mn_mesh *mesh, mn_status *st);
+/* Or any state of a surface: room for so many, which the caller fills, vertex[0 … vertices) but for
+ * the lists, simplex and origin, triangles first, in the order of the input; then index. */
+mn_code mni_surface_room(mni_surface *surface, uint32_t vertices, uint32_t triangles,
+                         uint32_t hinges, mn_status *st);
+void mni_surface_index(mni_surface *surface);
 void mni_surface_close(mni_surface *surface);
 
 /* Alive simplices of v: drops the dead ones from its list and returns it. Valid until the next

@@ -33,34 +33,37 @@ typedef struct mni_bench {
 #define SAMPLE_FACTOR 1.4f
 #define NEIGHBOUR_FACTOR 2.0f
 
-static bool own_triangles(mni_witness_book *book) {
-    const mn_mesh *mesh = book->mesh;
-    book->own_start = calloc((size_t)mesh->vertices + 1, sizeof *book->own_start);
-    book->own = malloc(((size_t)mesh->triangles + 1) * sizeof *book->own);
-    if (book->own_start == NULL || book->own == NULL)
-        return false;
+mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t sets, uint32_t points,
+                         mn_status *st) {
+    *book = (mni_witness_book){.sets_room = sets};
+    book->sets = aligned_alloc(sizeof *book->sets, ((size_t)sets + 1) * sizeof *book->sets);
+    book->own_start = calloc((size_t)vertices + 1, sizeof *book->own_start);
+    book->own = malloc(((size_t)points + 1) * sizeof *book->own);
+    book->bench = calloc(1, sizeof *book->bench);
+    if (book->sets == NULL || book->bench == NULL || book->own_start == NULL || book->own == NULL) {
+        mni_witness_close(book);
+        return mn_fail(st, MN_FAILED, "out of memory while simplifying %u vertices", vertices);
+    }
+    mni_star_open(&book->bench->star);
+    return MN_OK;
+}
+
+mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status *st) {
+    mn_code code = mni_witness_room(book, mesh->vertices, mesh->vertices / 2, mesh->triangles, st);
+    if (code != MN_OK)
+        return code;
     for (uint32_t t = 0; t < mesh->triangles; t++)
         book->own_start[mesh->corner[3 * (size_t)t]]++;
     for (uint32_t v = 0; v < mesh->vertices; v++)
         book->own_start[v + 1] += book->own_start[v];
-    for (uint32_t t = mesh->triangles; t-- > 0;)
-        memcpy(book->own[--book->own_start[mesh->corner[3 * (size_t)t]]],
-               &mesh->corner[3 * (size_t)t + 1], sizeof *book->own);
-    return true;
-}
-
-mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status *st) {
-    *book = (mni_witness_book){.mesh = mesh};
-    /* A set is taken where two leaves collapse, and a leaf does so once. */
-    book->sets =
-        aligned_alloc(sizeof *book->sets, ((size_t)mesh->vertices / 2 + 1) * sizeof *book->sets);
-    book->bench = calloc(1, sizeof *book->bench);
-    if (book->sets == NULL || book->bench == NULL || !own_triangles(book)) {
-        mni_witness_close(book);
-        return mn_fail(st, MN_FAILED, "out of memory while simplifying %u triangles",
-                       mesh->triangles);
+    for (uint32_t t = mesh->triangles; t-- > 0;) {
+        const uint32_t *c = &mesh->corner[3 * (size_t)t];
+        const float *p = &mesh->position[3 * (size_t)c[0]], *a = &mesh->position[3 * (size_t)c[1]],
+                    *b = &mesh->position[3 * (size_t)c[2]];
+        float *centre = book->own[--book->own_start[c[0]]];
+        for (int x = 0; x < 3; x++)
+            centre[x] = (p[x] + a[x] + b[x]) / 3;
     }
-    mni_star_open(&book->bench->star);
     return MN_OK;
 }
 
@@ -90,14 +93,8 @@ static void gather_leaf(mni_witness_book *book, const mni_vertex *vertex, uint32
     uint32_t start = book->own_start[v], end = book->own_start[v + 1];
     if (end - start > LEAF_TRIANGLES_MAX)
         end = start + LEAF_TRIANGLES_MAX;
-    for (uint32_t i = start; i < end; i++) {
-        const float *p = vertex[v].p, *a = vertex[book->own[i][0]].p,
-                    *b = vertex[book->own[i][1]].p;
-        float centre[3];
-        for (int x = 0; x < 3; x++)
-            centre[x] = (p[x] + a[x] + b[x]) / 3;
-        add_leaf_point(book->bench, k, centre);
-    }
+    for (uint32_t i = start; i < end; i++)
+        add_leaf_point(book->bench, k, book->own[i]);
 }
 
 static void gather(mni_witness_book *book, const mni_vertex *vertex, uint32_t v, const float *k) {
@@ -212,7 +209,7 @@ static void keep(mni_witness_book *book, const mni_vertex *r, mni_vertex *k) {
     const mni_bench *b = book->bench;
     if (k->set == MN_NONE)
         k->set = r->set != MN_NONE ? r->set : book->sets_count++;
-    MN_ASSERT(b->witness.count <= MNI_WITNESSES && book->sets_count <= book->mesh->vertices / 2);
+    MN_ASSERT(b->witness.count <= MNI_WITNESSES && book->sets_count <= book->sets_room);
     mni_witnesses *set = &book->sets[k->set];
     for (uint32_t i = 0; i < MNI_WITNESSES; i++) {
         set->x[i] = b->witness.x[i] + k->p[0];

@@ -14,7 +14,7 @@
  * witness.c were measured (`metanode bench error`) so that 99.9 % of the surface is within the
  * bound.
  *
- * A node's value is final when it becomes a child. One thread. Memory: 4 bytes a vertex, 8 a
+ * A node's value is final when it becomes a child. One thread. Memory: 4 bytes a vertex, 12 a
  * triangle, and at most half the vertices × sizeof(mni_witnesses). */
 #ifndef MNI_WITNESS_H
 #define MNI_WITNESS_H
@@ -30,16 +30,19 @@ typedef struct mni_witnesses {
 } mni_witnesses;
 
 typedef struct mni_witness_book {
-    const mn_mesh *mesh;
     mni_witnesses *sets;
-    uint32_t sets_count;
-    uint32_t *own_start;     /* a vertex: in own[], the input triangles that it answers for, */
-    uint32_t (*own)[2];      /* which are those that begin with it: the other two corners */
+    uint32_t sets_count, sets_room;
+    uint32_t *own_start;     /* a leaf: in own[], the centres of the input triangles that it */
+    float (*own)[3];         /* answers for, which are those that begin with it */
     struct mni_bench *bench; /* scratch */
     bool no_memory;
 } mni_witness_book;
 
 mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status *st);
+/* Room for so many sets and centres, which the caller fills. A set is taken where two leaves
+ * collapse, and a leaf does so once: one for two leaves and one for each other vertex suffice. */
+mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t sets, uint32_t points,
+                         mn_status *st);
 void mni_witness_close(mni_witness_book *book);
 /* r has just collapsed into k on the surface; ring: r's as it was before. Sets k's value to the new
  * node's switch value and raises those of the nodes around it. */
