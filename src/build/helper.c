@@ -19,6 +19,9 @@
 
 extern char **environ;
 
+const mni_helper_program mni_helper_openmesh = {"metanode-openmesh", "OpenMesh", "libopenmesh-dev"};
+const mni_helper_program mni_helper_netcdf = {"metanode-netcdf", "netCDF", "libnetcdf-dev"};
+
 static bool helper_path(const char *dir, const char *program, char path[PATH_MAX]) {
     char self[PATH_MAX];
     if (dir == NULL)
@@ -54,26 +57,26 @@ static int spawn(pid_t *pid, const char *path, const char *program, const char *
     return error;
 }
 
-mn_code mni_helper_open(mni_helper *helper, const char *helper_dir, const char *program,
-                        const char *const *args, mn_status *st) {
+mn_code mni_helper_open(mni_helper *helper, const char *helper_dir,
+                        const mni_helper_program *program, const char *const *args, mn_status *st) {
     char path[PATH_MAX];
     int in[2] = {-1, -1}, out[2] = {-1, -1};
     mn_code code = MN_OK;
-    *helper = (mni_helper){.pid = -1, .to = -1, .from = -1, .errors = -1};
-    if (!helper_path(helper_dir, program, path))
-        return mn_fail(st, MN_FAILED, "cannot tell where %s lies", program);
+    *helper = (mni_helper){.program = program, .pid = -1, .to = -1, .from = -1, .errors = -1};
+    if (!helper_path(helper_dir, program->name, path))
+        return mn_fail(st, MN_FAILED, "cannot tell where %s lies", program->name);
     if (access(path, X_OK) != 0)
         return mn_fail(st, MN_FAILED,
                        "%s is not there (%s): it belongs beside metanode or in "
-                       "METANODE_HELPER_DIR; where it was not built, install libopenmesh-dev",
-                       path, strerror(errno));
-    helper->errors = memfd_create(program, MFD_CLOEXEC);
+                       "METANODE_HELPER_DIR; where it was not built, install %s and build anew",
+                       path, strerror(errno), program->package);
+    helper->errors = memfd_create(program->name, MFD_CLOEXEC);
     if (helper->errors < 0 || pipe2(out, O_CLOEXEC) != 0 ||
         socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, in) != 0) {
-        code = mn_fail(st, MN_FAILED, "cannot start %s: %s", program, strerror(errno));
+        code = mn_fail(st, MN_FAILED, "cannot start %s: %s", program->name, strerror(errno));
     } else {
-        int error =
-            spawn(&helper->pid, path, program, args, (const int[3]){in[1], out[1], helper->errors});
+        int error = spawn(&helper->pid, path, program->name, args,
+                          (const int[3]){in[1], out[1], helper->errors});
         if (error != 0)
             code = mn_fail(st, MN_FAILED, "cannot start %s: %s", path, strerror(error));
     }
@@ -154,6 +157,7 @@ mn_code mni_helper_close(mni_helper *helper, const char *about, char line[MNI_HE
         MN_ASSERT(errno == EINTR);
     first_line(helper->errors, own_line);
     close(helper->errors);
+    const char *library = helper->program->library;
     *helper = (mni_helper){.pid = -1, .to = -1, .from = -1, .errors = -1, .cut = helper->cut};
     if (line != NULL)
         memcpy(line, own_line, sizeof own_line);
@@ -164,9 +168,9 @@ mn_code mni_helper_close(mni_helper *helper, const char *about, char line[MNI_HE
         return mn_fail(st, WEXITSTATUS(status) == MN_BAD_INPUT ? MN_BAD_INPUT : MN_FAILED, "%s: %s",
                        about, own_line[0] != 0 ? own_line : "the helper failed");
     if (WTERMSIG(status) == SIGXCPU)
-        return mn_fail(st, MN_BAD_INPUT, "%s: OpenMesh does not come to an end with it", about);
+        return mn_fail(st, MN_BAD_INPUT, "%s: %s does not come to an end with it", about, library);
     if (WTERMSIG(status) == SIGPIPE)
         return mn_fail(st, MN_FAILED, "%s: reading it was given up", about);
-    return mn_fail(st, MN_BAD_INPUT, "%s: OpenMesh crashes on it (%s)", about,
+    return mn_fail(st, MN_BAD_INPUT, "%s: %s crashes on it (%s)", about, library,
                    strsignal(WTERMSIG(status)));
 }

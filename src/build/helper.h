@@ -18,17 +18,26 @@
 
 enum { MNI_HELPER_ARGS_MAX = 16, MNI_HELPER_LINE_BYTES = 400 };
 
+/* What is behind a helper: said where the helper is missing, or dies. */
+typedef struct mni_helper_program {
+    const char *name;    /* of the file */
+    const char *library; /* whose bugs it keeps away */
+    const char *package; /* Debian's, without which it is not built */
+} mni_helper_program;
+extern const mni_helper_program mni_helper_openmesh, mni_helper_netcdf;
+
 typedef struct mni_helper {
+    const mni_helper_program *program;
     pid_t pid;
     int to, from; /* a socket and a pipe; -1: closed */
     int errors;   /* the helper's standard error: a file in memory, so that it never fills */
     bool cut;     /* a write or read fell short */
 } mni_helper;
 
-/* Starts helper_dir/program (helper_dir: as in mn_read_desc) with args, which end with
+/* Starts the program in helper_dir (as in mn_read_desc) with args, which end with
  * NULL and do not count the program's name. MN_FAILED where it is missing or cannot start. */
-mn_code mni_helper_open(mni_helper *helper, const char *helper_dir, const char *program,
-                        const char *const *args, mn_status *st);
+mn_code mni_helper_open(mni_helper *helper, const char *helper_dir,
+                        const mni_helper_program *program, const char *const *args, mn_status *st);
 /* false: the helper is not taking or giving any more; close says why. */
 bool mni_helper_write(mni_helper *helper, const void *bytes, size_t count);
 void mni_helper_write_end(mni_helper *helper);

@@ -9,8 +9,6 @@
 #include "assert.h"
 #include "helper.h"
 
-static const char program[] = "metanode-openmesh";
-
 enum { CHUNK = 4096 }; /* vertices converted at a time */
 
 static bool send_mesh(mni_helper *helper, const mn_mesh *mesh) {
@@ -64,13 +62,13 @@ static mn_code through(const mn_mesh *mesh, const char *const *args, const char 
                        mn_mesh *out, char line[MNI_HELPER_LINE_BYTES], mn_status *st) {
     mni_helper helper;
     *out = (mn_mesh){0};
-    mn_code code = mni_helper_open(&helper, helper_dir, program, args, st);
+    mn_code code = mni_helper_open(&helper, helper_dir, &mni_helper_openmesh, args, st);
     if (code != MN_OK)
         return code;
     bool whole = send_mesh(&helper, mesh) && receive_mesh(&helper, out);
     code = mni_helper_close(&helper, args[0], line, st);
     if (code == MN_OK && !whole)
-        code = mn_fail(st, MN_FAILED, "no memory for the mesh that %s gives", program);
+        code = mn_fail(st, MN_FAILED, "no memory for the mesh that OpenMesh gives");
     if (code != MN_OK) {
         free(out->position);
         free(out->corner);
@@ -102,5 +100,5 @@ mn_code mn_openmesh_decimate(const mn_mesh *mesh, uint32_t triangles, const char
                &figures->collapses) == 2)
         return MN_OK;
     mn_mesh_free(out);
-    return mn_fail(st, MN_FAILED, "%s says no figures but '%s'", program, line);
+    return mn_fail(st, MN_FAILED, "metanode-openmesh says no figures but '%s'", line);
 }

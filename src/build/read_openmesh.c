@@ -93,7 +93,7 @@ bool mni_read_openmesh(const char *path, const char *as, const mn_read_desc *des
     const char *args[] = {"read", operand, "--as", as, "--ram", ram, "--seconds", seconds, NULL};
     mni_helper helper;
     mn_code code =
-        mni_helper_open(&helper, desc->helper_dir, "metanode-openmesh", args, source->st);
+        mni_helper_open(&helper, desc->helper_dir, &mni_helper_openmesh, args, source->st);
     free(operand);
     if (code != MN_OK)
         return false;

@@ -35,7 +35,7 @@ static mn_code run_file(const char *command, const char *path, const char *as, c
     mni_helper helper;
     const char *const args[] = {command, path, "--as", as, "--seconds", "2", NULL};
     *st = (mn_status){0};
-    ck_assert_int_eq(mni_helper_open(&helper, dir(), "metanode-openmesh", args, st), MN_OK);
+    ck_assert_int_eq(mni_helper_open(&helper, dir(), &mni_helper_openmesh, args, st), MN_OK);
     if (in != NULL)
         mni_helper_write(&helper, in, in_bytes);
     mni_helper_write_end(&helper);

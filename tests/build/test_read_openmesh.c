@@ -29,7 +29,7 @@ static size_t make_om(char *bytes, size_t room) {
     mni_helper helper;
     mn_status st = {0};
     ck_assert_int_eq(
-        mni_helper_open(&helper, getenv("METANODE_HELPER_DIR"), "metanode-openmesh", args, &st),
+        mni_helper_open(&helper, getenv("METANODE_HELPER_DIR"), &mni_helper_openmesh, args, &st),
         MN_OK);
     mni_helper_write(&helper, &head, sizeof head);
     mni_helper_write(&helper, position, sizeof position);
