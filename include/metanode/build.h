@@ -237,16 +237,26 @@ mn_code mn_openmesh_decimate(const mn_mesh *mesh, uint32_t triangles, const char
 
 /* ---- models of any size -------------------------------------------------------------------- */
 
-typedef enum mn_shape { MN_SHAPE_SPHERE = 0, MN_SHAPE_TERRAIN, MN_SHAPE_ISOSURFACE } mn_shape;
+typedef enum mn_shape {
+    MN_SHAPE_SPHERE = 0,
+    MN_SHAPE_TERRAIN,
+    MN_SHAPE_ISOSURFACE,
+    MN_SHAPE_EARTH
+} mn_shape;
 typedef struct mn_make_desc {
     mn_shape shape;
-    uint64_t triangles; /* about so many; 0: 100,000 */
-    uint64_t seed;      /* same desc: same bytes */
+    uint64_t triangles;     /* about so many; 0: 100,000. Not of the earth */
+    uint64_t seed;          /* same desc: same bytes */
+    const char *etopo;      /* earth: a netCDF grid of heights in metres, pole to pole; needed */
+    uint32_t stride;        /* earth: takes every so many-th column and row; 0: each */
+    double exaggeration;    /* earth: of heights; 0: 20 */
+    const char *helper_dir; /* earth: where metanode-netcdf lies; NULL: as in mn_read_desc */
     mn_progress progress;
     void *progress_context;
 } mn_make_desc;
-/* Streams a binary PLY to path in memory that does not grow with the model (terrain, sphere) or
- * grows like one slice of it (isosurface). */
+/* Streams a binary PLY to path in memory that does not grow with the model (sphere), or grows like
+ * a row of its grid (terrain, earth) or a slice (isosurface). MN_BAD_INPUT: no such grid in etopo;
+ * MN_USAGE: too few points of it are left. */
 mn_code mn_make(const char *path, const mn_make_desc *desc, mn_status *st);
 
 #ifdef __cplusplus

@@ -3,11 +3,14 @@
 
 #include <math.h>
 
+#include "noise.h"
+
 /* By mn_shape. A shape adds itself here. */
 static mn_code (*const shapes[])(const mn_make_desc *, mni_make_ply *, mn_status *) = {
     [MN_SHAPE_SPHERE] = mni_make_sphere,
     [MN_SHAPE_TERRAIN] = mni_make_terrain,
     [MN_SHAPE_ISOSURFACE] = mni_make_isosurface,
+    [MN_SHAPE_EARTH] = mni_make_earth,
 };
 
 /* Vertices are numbered with 32 bits and a reader takes 2^31 of them; closed surfaces have half as
@@ -31,6 +34,20 @@ double mni_make_step(double low, double high, double x) {
     double t = (x - low) / (high - low);
     t = t < 0 ? 0 : t > 1 ? 1 : t;
     return t * t * (3 - 2 * t);
+}
+
+double mni_make_sine(double t) {
+    t -= (double)mni_noise_floor(t + 0.5);
+    if (t > 0.25)
+        t = 0.5 - t;
+    if (t < -0.25)
+        t = -0.5 - t;
+    double x = 2 * MNI_PI * t, x2 = x * x, term = x, sum = x;
+    for (int i = 2; i <= 16; i += 2) {
+        term *= -x2 / (double)(i * (i + 1));
+        sum += term;
+    }
+    return sum;
 }
 
 mni_rgb mni_rgb_mix(mni_rgb a, mni_rgb b, double t) {

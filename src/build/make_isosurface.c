@@ -35,7 +35,6 @@ enum {
 #define PERIODS_MIN 1.25 /* of the gyroid along a radius */
 #define PERIODS_MAX 4.0
 #define FINEST 2.5 /* grid steps: the smallest features */
-#define PI 3.14159265358979323846
 #define SEED_TINT 0x74696e74u
 
 typedef struct sponge {
@@ -51,21 +50,6 @@ typedef struct sponge {
     mni_make_ply *ply; /* NULL: only count */
     uint64_t vertices, triangles;
 } sponge;
-
-/* sin(2 π t) to 1e-11, without libm: the same bits everywhere. */
-static double sine_turn(double t) {
-    t -= (double)mni_noise_floor(t + 0.5);
-    if (t > 0.25)
-        t = 0.5 - t;
-    if (t < -0.25)
-        t = -0.5 - t;
-    double x = 2 * PI * t, x2 = x * x, term = x, sum = x;
-    for (int i = 2; i <= 16; i += 2) {
-        term *= -x2 / (double)(i * (i + 1));
-        sum += term;
-    }
-    return sum;
-}
 
 static double smooth_min(double a, double b, double width) {
     double gap = a < b ? b - a : a - b, h = gap < width ? 1 - gap / width : 0;
@@ -86,7 +70,8 @@ static double field_at(const sponge *s, uint32_t x, uint32_t y, uint32_t z) {
     double gyroid = s->sine[0][x] * s->cosine[1][y] + s->sine[1][y] * s->cosine[2][z] +
                     s->sine[2][z] * s->cosine[0][x];
     /* a crust holds the labyrinth's cut ends together */
-    double body = (gyroid + 0.1 + 0.4 * mni_make_step(0.45, 1, r2)) / (2 * PI * 1.3 * s->periods);
+    double body =
+        (gyroid + 0.1 + 0.4 * mni_make_step(0.45, 1, r2)) / (2 * MNI_PI * 1.3 * s->periods);
     double f = smooth_min(0.5 * (1 - r2), body, 0.2 / s->periods);
     double frequency = s->periods;
     for (uint32_t i = 0; i < s->octaves && (f < 0 ? -f : f) < s->rest[i] + s->step; i++) {
@@ -247,8 +232,8 @@ static mn_code open_grid(sponge *s, uint32_t steps, mn_status *st) {
         s->cosine[a] = s->sine[a] + s->points;
         for (uint32_t i = 0; i < s->points; i++) {
             double turn = s->periods * coordinate(s, i) + s->phase[a];
-            s->sine[a][i] = sine_turn(turn);
-            s->cosine[a][i] = sine_turn(turn + 0.25);
+            s->sine[a][i] = mni_make_sine(turn);
+            s->cosine[a][i] = mni_make_sine(turn + 0.25);
         }
     }
     return MN_OK;

@@ -588,6 +588,14 @@ make cube -o x.ply
 make sphere
 make sphere --triangles 0 -o x.ply
 make sphere --triangles some -o x.ply
+make sphere --etopo good.obj -o x.ply
+make terrain --stride 2 -o x.ply
+make earth --etopo good.obj
+make earth --etopo good.obj --triangles 5000 -o x.ply
+make earth --etopo good.obj --seed 1 -o x.ply
+make earth --etopo good.obj --stride 0 -o x.ply
+make earth --etopo good.obj --exaggeration 0 -o x.ply
+make earth --etopo good.obj -o good.obj
 make subdivide -o x.ply --times 1
 make subdivide good.obj --times 0 -o x.ply
 compare good.obj
