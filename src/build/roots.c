@@ -213,10 +213,11 @@ static mn_code join(mni_simplifier *s, root_boxes *g) {
             mni_heap_set(&s->heap, r, nearest(g, r));
             continue;
         }
+        float cost = mni_heap_key_cost(mni_heap_key_of(&s->heap, r));
         mni_heap_remove(&s->heap, r);
         take_out(g, r);
         left--;
-        mn_code code = mni_simplify_record(s, r, k);
+        mn_code code = mni_simplify_record(s, r, k, cost);
         if (code != MN_OK)
             return code;
     }

@@ -149,19 +149,30 @@ static bool allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
 
 /* ---- collapses ---- */
 
-/* What a node's switch value has risen to is kept when it becomes a child, or at the end. */
-static void settle_value(mni_simplifier *s, const mni_vertex *v) {
-    if (v->node >= s->surface.vertices)
-        s->made.switch_value[v->node - s->surface.vertices] = v->value;
+/* The collapse, and what it has waited for: its children and their neighbours, which must have come
+ * before it. */
+static void keep_key(mni_simplifier *s, uint32_t r, uint32_t k, float cost) {
+    float *of = s->part.key, key = cost > of[r] ? cost : of[r];
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(&s->surface, k, &count);
+    for (uint32_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            uint32_t v = s->surface.simplex[fan[i]].v[c];
+            if (v != MN_NONE && of[v] > key)
+                key = of[v];
+        }
+    s->made.key[s->made.count] = of[k] = of[k] > key ? of[k] : key;
 }
 
-mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k) {
+mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k, float cost) {
+    if (s->made.key != NULL)
+        keep_key(s, r, k, cost);
     uint32_t at = s->made.count++;
     mni_vertex *kept = &s->surface.vertex[k], *removed = &s->surface.vertex[r];
     s->made.left[at] = kept->node;
     s->made.right[at] = removed->node;
-    settle_value(s, kept);
-    settle_value(s, removed);
+    s->made.value[kept->node] = kept->value; /* what it has risen to */
+    s->made.value[removed->node] = removed->value;
     mni_witness_collapse(&s->witness, &s->surface, s->judge.around, s->judge.ring_count, r, k);
     kept->node = s->surface.vertices + at;
     removed->node = MN_NONE;
@@ -221,11 +232,12 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     if (!(j->round ? mni_surface_collapse_round(&s->surface, &j->wheel, r, k, s->made.count)
                    : mni_surface_collapse(&s->surface, r, k, s->made.count)))
         return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
+    float cost = mni_heap_key_cost(mni_heap_key_of(&s->heap, r));
     mni_heap_remove(&s->heap, r);
     if (s->desc.metric == MN_METRIC_QEM) {
         mni_quadric_add(&vertex[k], &vertex[r]);
-        float cost = mni_heap_key_cost(vertex[k].floor) * FLOOR_MARGIN;
-        vertex[k].floor = mni_heap_key_make(cost, mni_heap_key_kept(vertex[k].floor));
+        float floor = mni_heap_key_cost(vertex[k].floor) * FLOOR_MARGIN;
+        vertex[k].floor = mni_heap_key_make(floor, mni_heap_key_kept(vertex[k].floor));
     }
     for (uint32_t i = 0; i < j->ring_count; i++) {
         uint32_t n = j->around[i];
@@ -239,7 +251,7 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     mni_heap_set(&s->heap, k, vertex[k].floor);
     if (s->heap.count > 0)
         mni_surface_fetch_neighbours(&s->surface, mni_heap_top(&s->heap));
-    return mni_simplify_record(s, r, k);
+    return mni_simplify_record(s, r, k, cost);
 }
 
 /* The collapses are all over the mesh, so whatever comes to the top has to be fetched. While one is
@@ -258,14 +270,26 @@ static void look_ahead(const mni_simplifier *s) {
     mni_surface_fetch_vertex(surface, mni_heap_key_kept(heap->item[second].key));
 }
 
-static mn_code run_stage(mni_simplifier *s, int stage) {
+/* Whether r → k, the least that is left, is not to be made: then it may hold up others. */
+static bool put_off(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
+    mni_heap_key *closed = s->part.closed;
+    if (closed == NULL || (closed[r] > key && closed[k] > key))
+        return false;
+    if (closed[r] == 0 || closed[k] == 0 || allowed(s, r, k)) {
+        closed[r] = key < closed[r] ? key : closed[r];
+        closed[k] = key < closed[k] ? key : closed[k];
+    }
+    return true;
+}
+
+mn_code mni_simplify_stage(mni_simplifier *s, int stage) {
     s->stage = stage;
     for (uint32_t v = 0; v < s->surface.vertices; v++)
         if (s->surface.vertex[v].node != MN_NONE)
             offer(s, v);
     for (;;) {
         uint32_t r = mni_heap_top(&s->heap);
-        if (r == UINT32_MAX)
+        if (r == UINT32_MAX || mni_heap_key_of(&s->heap, r) > s->part.limit)
             return MN_OK;
         if (s->desc.stop_triangles > 0 && s->surface.alive_triangles <= s->desc.stop_triangles) {
             s->stopped = true;
@@ -276,6 +300,8 @@ static mn_code run_stage(mni_simplifier *s, int stage) {
         look_ahead(s);
         if (s->surface.vertex[r].stale || key_of(s, r, k) > key) {
             offer(s, r);
+        } else if (put_off(s, r, k, key)) {
+            offer_next(s, r);
         } else if (!allowed(s, r, k)) {
             if (s->judge.stuck)
                 withdraw(s, r);
@@ -292,7 +318,9 @@ static mn_code run_stage(mni_simplifier *s, int stage) {
 /* ---- the run ---- */
 
 /* One look at every ring: the input's edges are counted, and boundaries get their walls. */
-static void look_at_edges(mni_simplifier *s) {
+void mni_simplify_look(mni_simplifier *s) {
+    if (s->desc.metric == MN_METRIC_QEM)
+        mni_quadrics_fill(&s->surface);
     for (uint32_t v = 0; v < s->surface.vertices; v++) {
         if (mni_judge_regular(&s->judge, &s->surface, v))
             continue;
@@ -301,9 +329,11 @@ static void look_at_edges(mni_simplifier *s) {
             const mni_ring_vertex *n = &s->judge.ring[i];
             if (s->judge.around[i] < v)
                 continue;
-            s->counts.boundary_edges += n->triangles == 1;
-            s->counts.nonmanifold_edges +=
-                n->triangles > 2 || (n->triangles == 2 && n->balance != 0);
+            if (s->surface.vertex[v].node != MN_NONE) {
+                s->counts.boundary_edges += n->triangles == 1;
+                s->counts.nonmanifold_edges +=
+                    n->triangles > 2 || (n->triangles == 2 && n->balance != 0);
+            }
             if (n->triangles == 1 && s->desc.metric == MN_METRIC_QEM)
                 mni_quadric_wall(&s->surface, v, s->judge.around[i]);
         }
@@ -325,7 +355,7 @@ uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
     enum { PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */
     uint64_t mesh = vertices * (12 + 4 /* colour */) + triangles * 12;
     uint64_t a_vertex = sizeof(mni_vertex) + 8 /* seen */ + sizeof(mni_heap_item) + 4 /* heap */ +
-                        12 /* collapses */ + 4 /* own */ + sizeof(mni_witnesses) / 2;
+                        16 /* collapses */ + 4 /* own */ + sizeof(mni_witnesses) / 2;
     uint64_t a_triangle = sizeof(mni_simplex) + 12 /* origin */ + 24 /* pool */ +
                           24 /* pool, packed */ + 12 /* normal */ + 12 /* own */;
     uint64_t a_hinge = (sizeof(mni_simplex) + 12) * 5 / 4 + 8 /* pool */ + 12 /* tree */ + 9;
@@ -334,42 +364,54 @@ uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
            hinges_expected(vertices, triangles) * a_hinge + tree + PROGRAM_BYTES;
 }
 
+mn_code mni_simplify_room(mni_simplifier *s, uint32_t n) {
+    s->made.left = malloc((size_t)n * sizeof *s->made.left);
+    s->made.right = malloc((size_t)n * sizeof *s->made.right);
+    s->made.value = malloc(2 * (size_t)n * sizeof *s->made.value);
+    if (!mni_heap_open(&s->heap, n) || s->made.left == NULL || s->made.right == NULL ||
+        s->made.value == NULL)
+        return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
+    s->part.limit = MNI_HEAP_KEY_NONE;
+    s->legal_last = n - 1;
+    return MN_OK;
+}
+
 static mn_code open_run(mni_simplifier *s) {
-    uint32_t n = s->mesh->vertices;
     mn_code code = mni_surface_open(&s->surface, s->mesh, s->st);
     if (code == MN_OK)
         code = mni_judge_open(&s->judge, s->mesh, s->st);
     if (code == MN_OK)
         code = mni_witness_open(&s->witness, s->mesh, s->st);
-    if (code != MN_OK)
-        return code;
-    s->made.left = malloc((size_t)n * sizeof *s->made.left);
-    s->made.right = malloc((size_t)n * sizeof *s->made.right);
-    s->made.switch_value = malloc((size_t)n * sizeof *s->made.switch_value);
-    if (!mni_heap_open(&s->heap, n) || s->made.left == NULL || s->made.right == NULL ||
-        s->made.switch_value == NULL)
-        return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
-    if (s->desc.metric == MN_METRIC_QEM)
-        mni_quadrics_fill(&s->surface);
-    look_at_edges(s);
-    s->legal_last = n - 1;
-    return MN_OK;
+    if (code == MN_OK)
+        code = mni_simplify_room(s, s->mesh->vertices);
+    if (code == MN_OK)
+        mni_simplify_look(s);
+    return code;
 }
 
-static void close_run(mni_simplifier *s) {
+void mni_simplify_close(mni_simplifier *s) {
     mni_surface_close(&s->surface);
     mni_judge_close(&s->judge);
     mni_witness_close(&s->witness);
     mni_heap_close(&s->heap);
     free(s->made.left);
     free(s->made.right);
-    free(s->made.switch_value);
+    free(s->made.value);
+    free(s->made.key);
+    free(s->part.closed);
+    free(s->part.key);
+}
+
+void mni_simplify_settle(mni_simplifier *s) {
+    for (uint32_t v = 0; v < s->surface.vertices; v++)
+        if (s->surface.vertex[v].node != MN_NONE)
+            s->made.value[s->surface.vertex[v].node] = s->surface.vertex[v].value;
 }
 
 static mn_code run(mni_simplifier *s) {
     mn_code code = open_run(s);
     for (int stage = 1; stage <= 3 && code == MN_OK && !s->stopped; stage++)
-        code = run_stage(s, stage);
+        code = mni_simplify_stage(s, stage);
     if (code != MN_OK || s->stopped)
         return code;
     MN_ASSERT(s->surface.alive_triangles == 0 && s->surface.alive_hinges == 0);
@@ -377,9 +419,7 @@ static mn_code run(mni_simplifier *s) {
     s->judge.ring_count = 0; /* virtual edges have no ring */
     s->counts.components = s->surface.vertices - s->made.count;
     code = mni_simplify_roots(s);
-    for (uint32_t v = 0; v < s->surface.vertices; v++)
-        if (s->surface.vertex[v].node != MN_NONE)
-            settle_value(s, &s->surface.vertex[v]);
+    mni_simplify_settle(s);
     return code;
 }
 
@@ -414,6 +454,6 @@ mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *
         out->legal_last = s.legal_last;
         memcpy(out->origin, mesh->origin, sizeof out->origin);
     }
-    close_run(&s);
+    mni_simplify_close(&s);
     return code;
 }

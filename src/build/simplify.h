@@ -54,12 +54,24 @@ static inline float mni_collapse_cost(const mni_vertex *r, const mni_vertex *k, 
     return (float)(mni_quadric_at(r, d) + k->c + MNI_LENGTH_SHARE * weight * length2);
 }
 
-/* Collapses as they were made, in input vertices: r went into k. */
+/* Collapses as they were made: r, which went into k, is the right child. Nodes are numbered as they
+ * come: those that vertices began with, then a collapse each. */
 typedef struct mni_collapses {
-    uint32_t *left, *right; /* nodes: input vertex, or vertices + collapse */
-    float *switch_value;
+    uint32_t *left, *right;
+    float *value; /* of a node, from when it becomes a child on */
+    float *key;   /* where it belongs in the order of all; NULL: where it stands */
     uint32_t count;
 } mni_collapses;
+
+/* What is known of a part only of the surface, at the edge of which it must not be changed. */
+typedef struct mni_part {
+    /* A vertex: no collapse with it from this key on. 0: its ring is not all here. Where a collapse
+     * is put off, both its ends close at its key: so nothing goes before a cheaper one beside it.
+     */
+    mni_heap_key *closed;
+    float *key; /* a vertex's node's: the largest cost of the collapses that it has waited for */
+    mni_heap_key limit; /* no collapse beyond */
+} mni_part;
 
 typedef struct mni_simplifier {
     const mn_mesh *mesh;
@@ -69,6 +81,7 @@ typedef struct mni_simplifier {
     mni_witness_book witness;
     mni_heap heap;
     mni_collapses made;
+    mni_part part;
     mn_build_counts counts;
     uint32_t legal_last;
     int stage; /* 1 … 4 */
@@ -81,8 +94,19 @@ void mni_quadrics_fill(mni_surface *surface);
 /* Adds the wall on the boundary edge v–w to the quadrics of its ends. */
 void mni_quadric_wall(mni_surface *surface, uint32_t v, uint32_t w);
 
+/* Arrays for what is made of that many vertices; close frees them, and the surface, the judge, the
+ * witnesses. MN_FAILED: memory. */
+mn_code mni_simplify_room(mni_simplifier *s, uint32_t vertices);
+void mni_simplify_close(mni_simplifier *s);
+/* Quadrics of leaves, with walls at boundaries, and the counts of edges: those whose lesser end has
+ * a node. */
+void mni_simplify_look(mni_simplifier *s);
+/* A stage, 1 … 3, until nothing more can be done. */
+mn_code mni_simplify_stage(mni_simplifier *s, int stage);
+/* The values of nodes that are no children. */
+void mni_simplify_settle(mni_simplifier *s);
 /* Records the collapse of r into k in the tree: the surface has been changed. MN_FAILED: memory. */
-mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k);
+mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k, float cost);
 /* roots.c, stage 4: virtual edges between nearest roots, shortest first, until one is left. */
 mn_code mni_simplify_roots(mni_simplifier *s);
 /* tree_make.c: the run's collapses as a tree, leaves renumbered. */

@@ -168,7 +168,7 @@ static void fill_inner(maker *m) {
         t->leaf_lo[i] = a.lo;
         t->leaf_mid[i] = a.hi;
         t->leaf_hi[i] = b.hi;
-        t->switch_value[i] = m->s->made.switch_value[i];
+        t->switch_value[i] = m->s->made.value[n + i];
         MN_ASSERT(t->switch_value[i] >= a.switch_value && t->switch_value[i] >= b.switch_value);
         float reach =
             distance(&t->leaf_position[3 * (size_t)a.lo], &t->leaf_position[3 * (size_t)b.lo]);
