@@ -38,20 +38,22 @@ mn_code mni_judge_room(mni_judge *j, uint32_t vertices, uint32_t triangles, mn_s
     return MN_OK;
 }
 
-mn_code mni_judge_open(mni_judge *j, const mn_mesh *mesh, mn_status *st) {
-    mn_code code = mni_judge_room(j, mesh->vertices, mesh->triangles, st);
-    if (code != MN_OK)
-        return code;
-    for (uint32_t t = 0; t < mesh->triangles; t++) {
-        const uint32_t *c = &mesh->corner[3 * (size_t)t];
+mn_code mni_judge_open(mni_judge *j, const mni_surface *s, mn_status *st) {
+    mn_code code = mni_judge_room(j, s->vertices, s->triangles, st);
+    if (code == MN_OK)
+        mni_judge_fill(j, s);
+    return code;
+}
+
+void mni_judge_fill(mni_judge *j, const mni_surface *s) {
+    for (uint32_t t = 0; t < s->triangles; t++) {
+        const uint32_t *c = s->simplex[t].v;
         double n[3];
-        cross(&mesh->position[3 * (size_t)c[0]], &mesh->position[3 * (size_t)c[1]],
-              &mesh->position[3 * (size_t)c[2]], n);
+        cross(s->vertex[c[0]].p, s->vertex[c[1]].p, s->vertex[c[2]].p, n);
         double length = sqrt(dot(n, n));
         for (int i = 0; i < 3; i++)
             j->normal[3 * (size_t)t + i] = length > 0 ? (float)(n[i] / length) : 0;
     }
-    return MN_OK;
 }
 
 void mni_judge_close(mni_judge *j) {

@@ -43,9 +43,11 @@ typedef struct mni_judge {
     bool no_memory; /* sticky: the answers are worthless */
 } mni_judge;
 
-mn_code mni_judge_open(mni_judge *judge, const mn_mesh *mesh, mn_status *st);
-/* The same, but that the caller fills normal[]. */
+/* For a surface of which nothing has been collapsed. */
+mn_code mni_judge_open(mni_judge *judge, const mni_surface *surface, mn_status *st);
+/* Or in two steps, of which the second may be the caller's: normal[]. */
 mn_code mni_judge_room(mni_judge *judge, uint32_t vertices, uint32_t triangles, mn_status *st);
+void mni_judge_fill(mni_judge *judge, const mni_surface *surface);
 void mni_judge_close(mni_judge *judge);
 
 /* Fills judge->around and judge->ring with the neighbours of v. */

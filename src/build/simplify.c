@@ -355,7 +355,8 @@ uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
     enum { PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */
     uint64_t mesh = vertices * (12 + 4 /* colour */) + triangles * 12;
     uint64_t a_vertex = sizeof(mni_vertex) + 8 /* seen */ + sizeof(mni_heap_item) + 4 /* heap */ +
-                        16 /* collapses */ + 4 /* own */ + sizeof(mni_witnesses) / 2;
+                        16 /* collapses */ + 12 /* bounds */ + 4 /* own */ +
+                        sizeof(mni_witnesses) / 2;
     uint64_t a_triangle = sizeof(mni_simplex) + 12 /* origin */ + 24 /* pool */ +
                           24 /* pool, packed */ + 12 /* normal */ + 12 /* own */;
     uint64_t a_hinge = (sizeof(mni_simplex) + 12) * 5 / 4 + 8 /* pool */ + 12 /* tree */ + 9;
@@ -368,8 +369,9 @@ mn_code mni_simplify_room(mni_simplifier *s, uint32_t n) {
     s->made.left = malloc((size_t)n * sizeof *s->made.left);
     s->made.right = malloc((size_t)n * sizeof *s->made.right);
     s->made.value = malloc(2 * (size_t)n * sizeof *s->made.value);
+    s->leaf_bounds = malloc((size_t)n * sizeof *s->leaf_bounds);
     if (!mni_heap_open(&s->heap, n) || s->made.left == NULL || s->made.right == NULL ||
-        s->made.value == NULL)
+        s->made.value == NULL || s->leaf_bounds == NULL)
         return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
     s->part.limit = MNI_HEAP_KEY_NONE;
     s->legal_last = n - 1;
@@ -379,14 +381,17 @@ mn_code mni_simplify_room(mni_simplifier *s, uint32_t n) {
 static mn_code open_run(mni_simplifier *s) {
     mn_code code = mni_surface_open(&s->surface, s->mesh, s->st);
     if (code == MN_OK)
-        code = mni_judge_open(&s->judge, s->mesh, s->st);
+        code = mni_judge_open(&s->judge, &s->surface, s->st);
     if (code == MN_OK)
-        code = mni_witness_open(&s->witness, s->mesh, s->st);
+        code = mni_witness_open(&s->witness, &s->surface, s->st);
     if (code == MN_OK)
         code = mni_simplify_room(s, s->mesh->vertices);
-    if (code == MN_OK)
-        mni_simplify_look(s);
-    return code;
+    if (code != MN_OK)
+        return code;
+    for (uint32_t v = 0; v < s->mesh->vertices; v++)
+        s->leaf_bounds[v] = mni_leaf_bounds(&s->surface, s->judge.normal, v);
+    mni_simplify_look(s);
+    return MN_OK;
 }
 
 void mni_simplify_close(mni_simplifier *s) {
@@ -398,6 +403,7 @@ void mni_simplify_close(mni_simplifier *s) {
     free(s->made.right);
     free(s->made.value);
     free(s->made.key);
+    free(s->leaf_bounds);
     free(s->part.closed);
     free(s->part.key);
 }

@@ -4,6 +4,7 @@
 
 #include "heap.h"
 #include "legal.h"
+#include "node_bounds.h"
 #include "surface.h"
 #include "witness.h"
 
@@ -82,6 +83,7 @@ typedef struct mni_simplifier {
     mni_heap heap;
     mni_collapses made;
     mni_part part;
+    mni_node_bounds *leaf_bounds; /* the input's vertices */
     mn_build_counts counts;
     uint32_t legal_last;
     int stage; /* 1 … 4 */

@@ -2,7 +2,7 @@
  * and cones bottom-up, simplices sorted by kill node.
  *
  * Hidden here: the order of the leaves, and what encloses what. The steps follow each other in
- * mni_tree_make, each once. One thread; memory: the tree, and 42 bytes a vertex for a while. */
+ * mni_tree_make, each once. One thread; memory: the tree, and 16 bytes a vertex for a while. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,18 +10,12 @@
 #include "assert.h"
 #include "simplify.h"
 
-/* acosf near 1 turns a last bit of the dot product into this much. */
-#define NORMAL_ERROR_RAD 1e-3f
-
 typedef struct maker {
     mni_simplifier *s;
     mn_tree *tree;
     uint32_t *leaf_of;   /* input vertex → leaf id */
     uint32_t *vertex_of; /* leaf id → input vertex */
     uint32_t *stack;
-    float *leaf_radius;
-    float *leaf_axis, *leaf_cosine; /* of the cones: mean normal, and the one farthest from it */
-    mn_cone *leaf_cone;
 } maker;
 
 static bool take_arrays(mn_tree *t, const mn_mesh *mesh) {
@@ -84,73 +78,18 @@ static void place_leaves(maker *m) {
     }
 }
 
-static float distance(const float *a, const float *b) {
-    double sum = 0;
-    for (int i = 0; i < 3; i++)
-        sum += ((double)a[i] - b[i]) * ((double)a[i] - b[i]);
-    return nextafterf((float)sqrt(sum), INFINITY);
-}
-
-/* Spheres of leaves, and the sums of the normals that their cones must hold: all input triangles
- * incident to them. */
-static void bound_leaves(maker *m) {
-    const mn_mesh *mesh = m->s->mesh;
-    const float *normal = m->s->judge.normal;
-    for (uint32_t t = 0; t < mesh->triangles; t++)
-        for (int i = 0; i < 3; i++) {
-            const uint32_t *c = &mesh->corner[3 * (size_t)t];
-            uint32_t leaf = m->leaf_of[c[i]];
-            for (int j = 0; j < 3; j++) {
-                float d = j == i ? 0
-                                 : distance(&mesh->position[3 * (size_t)c[i]],
-                                            &mesh->position[3 * (size_t)c[j]]);
-                if (d > m->leaf_radius[leaf])
-                    m->leaf_radius[leaf] = d;
-                m->leaf_axis[3 * (size_t)leaf + j] += normal[3 * (size_t)t + j];
-            }
-        }
-}
-
-/* Cones of leaves: about the mean normal, as wide as the normal farthest from it. */
-static void cone_leaves(maker *m) {
-    const mn_mesh *mesh = m->s->mesh;
-    const float *normal = m->s->judge.normal;
-    for (uint32_t leaf = 0; leaf < m->tree->leaves; leaf++) {
-        float *a = &m->leaf_axis[3 * (size_t)leaf];
-        float length = sqrtf(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-        for (int i = 0; i < 3; i++)
-            a[i] = length > 0 ? a[i] / length : i == 2;
-        m->leaf_cosine[leaf] = 1;
-    }
-    for (uint32_t t = 0; t < mesh->triangles; t++)
-        for (int i = 0; i < 3; i++) {
-            uint32_t leaf = m->leaf_of[mesh->corner[3 * (size_t)t + i]];
-            const float *a = &m->leaf_axis[3 * (size_t)leaf], *n = &normal[3 * (size_t)t];
-            float cosine = a[0] * n[0] + a[1] * n[1] + a[2] * n[2];
-            if (n[0] == 0 && n[1] == 0 && n[2] == 0) /* no area, no normal, no bound */
-                cosine = -1;
-            if (cosine < m->leaf_cosine[leaf])
-                m->leaf_cosine[leaf] = cosine;
-        }
-    for (uint32_t leaf = 0; leaf < m->tree->leaves; leaf++) {
-        float cosine = m->leaf_cosine[leaf];
-        float angle = cosine <= -1 ? (float)M_PI : acosf(cosine) + NORMAL_ERROR_RAD;
-        m->leaf_cone[leaf] = mn_cone_make(&m->leaf_axis[3 * (size_t)leaf], angle);
-    }
-}
-
 typedef struct bounds {
     uint32_t lo, hi;
-    float switch_value, radius;
-    mn_cone cone;
+    float switch_value;
+    mni_node_bounds of;
 } bounds;
 
 static bounds bounds_of(const maker *m, uint32_t node) {
     const mn_tree *t = m->tree;
     if (node < t->leaves)
-        return (bounds){node, node + 1, 0, m->leaf_radius[node], m->leaf_cone[node]};
+        return (bounds){node, node + 1, 0, m->s->leaf_bounds[m->vertex_of[node]]};
     uint32_t i = node - t->leaves;
-    return (bounds){t->leaf_lo[i], t->leaf_hi[i], t->switch_value[i], t->radius[i], t->cone[i]};
+    return (bounds){t->leaf_lo[i], t->leaf_hi[i], t->switch_value[i], {t->radius[i], t->cone[i]}};
 }
 
 /* Children have smaller order ids, so one pass upwards does. depth[] is taken from the stack's
@@ -170,11 +109,10 @@ static void fill_inner(maker *m) {
         t->leaf_hi[i] = b.hi;
         t->switch_value[i] = m->s->made.value[n + i];
         MN_ASSERT(t->switch_value[i] >= a.switch_value && t->switch_value[i] >= b.switch_value);
-        float reach =
-            distance(&t->leaf_position[3 * (size_t)a.lo], &t->leaf_position[3 * (size_t)b.lo]);
-        reach = nextafterf(reach + b.radius, INFINITY);
-        t->radius[i] = a.radius > reach ? a.radius : reach;
-        t->cone[i] = mn_cone_merge(a.cone, b.cone);
+        mni_node_bounds both = mni_parent_bounds(&t->leaf_position[3 * (size_t)a.lo], a.of,
+                                                 &t->leaf_position[3 * (size_t)b.lo], b.of);
+        t->radius[i] = both.radius;
+        t->cone[i] = both.cone;
         uint32_t deeper =
             depth[t->left[i]] > depth[t->right[i]] ? depth[t->left[i]] : depth[t->right[i]];
         depth[n + i] = deeper + 1;
@@ -219,30 +157,18 @@ mn_code mni_tree_make(mni_simplifier *s, mn_tree *t) {
                .tree = t,
                .leaf_of = malloc(leaves * sizeof(uint32_t)),
                .vertex_of = malloc(leaves * sizeof(uint32_t)),
-               .stack = malloc(((size_t)leaves * 2 + 2) * sizeof(uint32_t)),
-               .leaf_radius = calloc(leaves, sizeof(float)),
-               .leaf_axis = calloc((size_t)leaves * 3, sizeof(float)),
-               .leaf_cosine = calloc(leaves, sizeof(float)),
-               .leaf_cone = calloc(leaves, sizeof(mn_cone))};
+               .stack = malloc(((size_t)leaves * 2 + 2) * sizeof(uint32_t))};
     mn_code code = MN_OK;
-    if (!take_arrays(t, s->mesh) || m.leaf_of == NULL || m.vertex_of == NULL || m.stack == NULL ||
-        m.leaf_radius == NULL || m.leaf_axis == NULL || m.leaf_cosine == NULL ||
-        m.leaf_cone == NULL) {
+    if (!take_arrays(t, s->mesh) || m.leaf_of == NULL || m.vertex_of == NULL || m.stack == NULL) {
         mn_tree_free(t);
         code = mn_fail(s->st, MN_FAILED, "out of memory for a tree of %u leaves", leaves);
     } else {
         place_leaves(&m);
-        bound_leaves(&m);
-        cone_leaves(&m);
         fill_inner(&m);
         sort_simplices(&m);
     }
     free(m.leaf_of);
     free(m.vertex_of);
     free(m.stack);
-    free(m.leaf_radius);
-    free(m.leaf_axis);
-    free(m.leaf_cosine);
-    free(m.leaf_cone);
     return code;
 }

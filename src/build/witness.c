@@ -48,23 +48,25 @@ mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t set
     return MN_OK;
 }
 
-mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status *st) {
-    mn_code code = mni_witness_room(book, mesh->vertices, mesh->vertices / 2, mesh->triangles, st);
-    if (code != MN_OK)
-        return code;
-    for (uint32_t t = 0; t < mesh->triangles; t++)
-        book->own_start[mesh->corner[3 * (size_t)t]]++;
-    for (uint32_t v = 0; v < mesh->vertices; v++)
+mn_code mni_witness_open(mni_witness_book *book, const mni_surface *s, mn_status *st) {
+    mn_code code = mni_witness_room(book, s->vertices, s->vertices / 2, s->triangles, st);
+    if (code == MN_OK)
+        mni_witness_fill(book, s);
+    return code;
+}
+
+void mni_witness_fill(mni_witness_book *book, const mni_surface *s) {
+    for (uint32_t t = 0; t < s->triangles; t++)
+        book->own_start[s->simplex[t].v[0]]++;
+    for (uint32_t v = 0; v < s->vertices; v++)
         book->own_start[v + 1] += book->own_start[v];
-    for (uint32_t t = mesh->triangles; t-- > 0;) {
-        const uint32_t *c = &mesh->corner[3 * (size_t)t];
-        const float *p = &mesh->position[3 * (size_t)c[0]], *a = &mesh->position[3 * (size_t)c[1]],
-                    *b = &mesh->position[3 * (size_t)c[2]];
+    for (uint32_t t = s->triangles; t-- > 0;) {
+        const uint32_t *c = s->simplex[t].v;
+        const float *p = s->vertex[c[0]].p, *a = s->vertex[c[1]].p, *b = s->vertex[c[2]].p;
         float *centre = book->own[--book->own_start[c[0]]];
         for (int x = 0; x < 3; x++)
             centre[x] = (p[x] + a[x] + b[x]) / 3;
     }
-    return MN_OK;
 }
 
 void mni_witness_close(mni_witness_book *book) {

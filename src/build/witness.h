@@ -38,11 +38,14 @@ typedef struct mni_witness_book {
     bool no_memory;
 } mni_witness_book;
 
-mn_code mni_witness_open(mni_witness_book *book, const mn_mesh *mesh, mn_status *st);
-/* Room for so many sets and centres, which the caller fills. A set is taken where two leaves
- * collapse, and a leaf does so once: one for two leaves and one for each other vertex suffice. */
+/* For a surface of which nothing has been collapsed. */
+mn_code mni_witness_open(mni_witness_book *book, const mni_surface *surface, mn_status *st);
+/* Or in two steps, of which the second may be the caller's: sets[], own_start[] and own[]. A set is
+ * taken where two leaves collapse, and a leaf does so once: one for two leaves and one for each
+ * other vertex suffice. */
 mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t sets, uint32_t points,
                          mn_status *st);
+void mni_witness_fill(mni_witness_book *book, const mni_surface *surface);
 void mni_witness_close(mni_witness_book *book);
 /* r has just collapsed into k on the surface; ring: r's as it was before. Sets k's value to the new
  * node's switch value and raises those of the nodes around it. */

@@ -435,7 +435,7 @@ static bool legal(model *m, uint32_t r, uint32_t k) {
     mni_surface s;
     mni_judge j;
     ck_assert_int_eq(mni_surface_open(&s, &m->mesh, &st), MN_OK);
-    ck_assert_int_eq(mni_judge_open(&j, &m->mesh, &st), MN_OK);
+    ck_assert_int_eq(mni_judge_open(&j, &s, &st), MN_OK);
     bool answer = mni_judge_link(&j, &s, r, k);
     mni_judge_close(&j);
     mni_surface_close(&s);

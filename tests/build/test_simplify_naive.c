@@ -539,7 +539,7 @@ static void fill_quadrics(mni_surface *surface, const mn_mesh *mesh) {
     mn_status st = {0};
     mni_judge judge;
     mni_quadrics_fill(surface);
-    ck_assert_int_eq(mni_judge_open(&judge, mesh, &st), MN_OK);
+    ck_assert_int_eq(mni_judge_open(&judge, surface, &st), MN_OK);
     for (uint32_t v = 0; v < mesh->vertices; v++) {
         mni_judge_ring(&judge, surface, v);
         for (uint32_t i = 0; i < judge.ring_count; i++)
