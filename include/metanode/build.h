@@ -255,8 +255,8 @@ typedef struct mn_make_desc {
     void *progress_context;
 } mn_make_desc;
 /* Streams a binary PLY to path in memory that does not grow with the model (sphere), or grows like
- * a row of its grid (terrain, earth) or a slice (isosurface). MN_BAD_INPUT: no such grid in etopo;
- * MN_USAGE: too few points of it are left. */
+ * an edge of its grid (the others): less than 3 MB for terrain, 10 MB for isosurface at 100 million
+ * triangles. MN_BAD_INPUT: no such grid in etopo; MN_USAGE: too few points of it are left. */
 mn_code mn_make(const char *path, const mn_make_desc *desc, mn_status *st);
 
 #ifdef __cplusplus

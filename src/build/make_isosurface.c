@@ -10,7 +10,13 @@
  * met; │ ╱                    in the slice above     numbers of two slices are in memory o ── x
  *
  * Crossings keep away from the ends of their edges: no two vertices at one place, few slivers.
- * Secret: field, grid and cases. One thread. Memory: two slices, 64 bytes a grid point of one. */
+ * Of two slices it is kept which points are in the rock, a bit each, and where edges are crossed,
+ * in hash tables: as many as the surface has crossings there, which grows with the slice's edge and
+ * not with its area. What the field is at a crossing's ends is worked out once more when they are
+ * wanted, unless a cache of fixed size still has it.
+ *
+ * Secret: field, grid and cases. One thread. Memory: two bits a point of a slice, 16 to 64 bytes a
+ * crossing in it, and the cache: 10 MB for 100 million triangles. */
 #include "make.h"
 
 #include <math.h>
@@ -26,7 +32,9 @@ enum {
     PROBE_STEPS = 64,
     PROBE_STEPS_MAX = 256,
     STEPS_MIN = 10,
-    SEARCHES = 4
+    SEARCHES = 4,
+    CROSSINGS_BITS = 10,
+    CACHE_SLOTS = 1 << 17, /* points near the surface, in two slices of 100 million triangles */
 };
 #define END_MARGIN 0.03  /* of an edge, at both ends */
 #define ROUGHNESS 0.20   /* weight of the largest octave, in periods of the gyroid */
@@ -35,7 +43,21 @@ enum {
 #define PERIODS_MIN 1.25 /* of the gyroid along a radius */
 #define PERIODS_MAX 4.0
 #define FINEST 2.5 /* grid steps: the smallest features */
+#define NEAR 1.5   /* grid steps: values of the field nearer to 0 are kept */
 #define SEED_TINT 0x74696e74u
+
+typedef struct value {
+    uint64_t point; /* its number in the grid, from 1 */
+    float field;
+} value;
+
+/* Vertex numbers by edge, open addressing; at most half full. */
+typedef struct crossings {
+    struct {
+        uint32_t edge, number; /* point of the slice × WAYS + way; MN_NONE as number: free */
+    } * slot;
+    uint32_t bits, count; /* 2^bits slots */
+} crossings;
 
 typedef struct sponge {
     uint64_t seed;
@@ -44,11 +66,14 @@ typedef struct sponge {
     uint32_t octaves;
     double weight[OCTAVES_MAX],
         rest[OCTAVES_MAX + 1]; /* of octave i; most that those from i on add */
-    float *field[2];           /* slices z and z + 1, at z mod 2 */
-    uint32_t *edge[2];         /* WAYS a point: vertex numbers, or MN_NONE */
+    uint32_t row_words;        /* of 64 points */
+    uint64_t *rock[2];         /* slices z and z + 1, at z mod 2: a bit a point */
+    crossings crossed[2];      /* the same slices */
+    value *cache;              /* CACHE_SLOTS; a point may be at one slot only */
     double *sine[3], *cosine[3];
     mni_make_ply *ply; /* NULL: only count */
     uint64_t vertices, triangles;
+    bool no_memory;
 } sponge;
 
 static double smooth_min(double a, double b, double width) {
@@ -83,12 +108,35 @@ static double field_at(const sponge *s, uint32_t x, uint32_t y, uint32_t z) {
     return f;
 }
 
+static value *cached(const sponge *s, uint32_t x, uint32_t y, uint32_t z, uint64_t *point) {
+    *point = ((uint64_t)z * s->points + y) * s->points + x + 1;
+    return &s->cache[mni_noise_mix(*point) % CACHE_SLOTS];
+}
+
+static float field_again(sponge *s, uint32_t x, uint32_t y, uint32_t z) {
+    uint64_t point;
+    value *v = cached(s, x, y, z, &point);
+    if (v->point != point)
+        *v = (value){point, (float)field_at(s, x, y, z)};
+    return v->field;
+}
+
 static void fill_slice(sponge *s, uint32_t z) {
-    float *f = s->field[z % 2];
-    for (uint32_t y = 0; y < s->points; y++)
-        for (uint32_t x = 0; x < s->points; x++)
-            *f++ = (float)field_at(s, x, y, z);
-    memset(s->edge[z % 2], 0xff, (size_t)s->points * s->points * WAYS * sizeof(uint32_t));
+    uint64_t *rock = s->rock[z % 2], point;
+    double near = NEAR * s->step;
+    memset(rock, 0, (size_t)s->points * s->row_words * sizeof *rock);
+    for (uint32_t y = 0; y < s->points; y++, rock += s->row_words)
+        for (uint32_t x = 0; x < s->points; x++) {
+            float f = (float)field_at(s, x, y, z);
+            rock[x / 64] |= (uint64_t)(f > 0) << x % 64;
+            if (s->ply != NULL && (double)f < near && (double)f > -near) {
+                value *v = cached(s, x, y, z, &point);
+                *v = (value){point, f};
+            }
+        }
+    crossings *c = &s->crossed[z % 2];
+    c->count = 0;
+    memset(c->slot, 0xff, sizeof *c->slot << c->bits);
 }
 
 static uint32_t color(const sponge *s, const double p[3]) {
@@ -106,13 +154,17 @@ static uint32_t color(const sponge *s, const double p[3]) {
 
 typedef struct cell {
     uint32_t x, y, z;
-    float f[8]; /* corner i: bit 0 of i is x, bit 1 y, bit 2 z */
+    uint32_t rock; /* a bit a corner; bit 0 of a corner's number is x, bit 1 y, bit 2 z */
 } cell;
+
+static float field_of(sponge *s, const cell *c, uint32_t corner) {
+    return field_again(s, c->x + (corner & 1), c->y + (corner >> 1 & 1), c->z + (corner >> 2));
+}
 
 static uint32_t new_vertex(sponge *s, const cell *c, uint32_t from, uint32_t to) {
     MN_ASSERT(s->vertices < MN_NONE);
     if (s->ply != NULL) {
-        double a = c->f[from], t = a / (a - (double)c->f[to]), p[3];
+        double a = field_of(s, c, from), t = a / (a - (double)field_of(s, c, to)), p[3];
         t = t < END_MARGIN ? END_MARGIN : t > 1 - END_MARGIN ? 1 - END_MARGIN : t;
         const uint32_t at[3] = {c->x, c->y, c->z};
         for (uint32_t i = 0; i < 3; i++)
@@ -123,14 +175,46 @@ static uint32_t new_vertex(sponge *s, const cell *c, uint32_t from, uint32_t to)
     return (uint32_t)s->vertices++;
 }
 
+/* Where the edge is, or belongs. */
+static uint32_t slot_of(const crossings *c, uint32_t edge) {
+    uint32_t at = (edge * UINT32_C(0x9e3779b1)) >> (32 - c->bits), last = (1u << c->bits) - 1;
+    while (c->slot[at].number != MN_NONE && c->slot[at].edge != edge)
+        at = (at + 1) & last;
+    return at;
+}
+
+/* Twice as many slots. */
+static void grow(sponge *s, crossings *c) {
+    crossings more = {.slot = malloc(sizeof *c->slot << (c->bits + 1)), .bits = c->bits + 1};
+    if (more.slot == NULL) {
+        s->no_memory = true; /* the march ends with this slice */
+        return;
+    }
+    memset(more.slot, 0xff, sizeof *more.slot << more.bits);
+    for (uint32_t i = 0; i < 1u << c->bits; i++)
+        if (c->slot[i].number != MN_NONE)
+            more.slot[slot_of(&more, c->slot[i].edge)] = c->slot[i];
+    more.count = c->count;
+    free(c->slot);
+    *c = more;
+}
+
 /* The vertex where the edge between two corners, low's bits among high's, is crossed. */
 static uint32_t crossing(sponge *s, const cell *c, uint32_t a, uint32_t b) {
     uint32_t low = a < b ? a : b, high = a ^ b ^ low;
-    size_t x = c->x + (low & 1), y = c->y + (low >> 1 & 1), z = c->z + (low >> 2);
-    uint32_t *number = &s->edge[z % 2][(y * s->points + x) * WAYS + (size_t)((low ^ high) - 1)];
-    if (*number == MN_NONE)
-        *number = new_vertex(s, c, low, high);
-    return *number;
+    uint32_t x = c->x + (low & 1), y = c->y + (low >> 1 & 1), z = c->z + (low >> 2);
+    uint32_t edge = (y * s->points + x) * WAYS + (low ^ high) - 1;
+    crossings *found = &s->crossed[z % 2];
+    uint32_t at = slot_of(found, edge);
+    if (found->slot[at].number == MN_NONE) {
+        found->slot[at].edge = edge;
+        found->slot[at].number = new_vertex(s, c, low, high);
+        if (++found->count > 1u << (found->bits - 1) && !s->no_memory) {
+            grow(s, found);
+            at = slot_of(found, edge);
+        }
+    }
+    return found->slot[at].number;
 }
 
 static void face(sponge *s, uint32_t a, uint32_t b, uint32_t c, bool turned) {
@@ -149,7 +233,7 @@ static void cut(sponge *s, const cell *c, const uint32_t v[4], bool turned) {
                                          {2, 3, 0, 1}, {0, 2, 3, 1}, {1, 3, 2, 0}, {0, 1, 2, 3}};
     uint32_t rock = 0, count = 0, w[4], e[4];
     for (uint32_t i = 0; i < 4; i++)
-        rock |= (uint32_t)(c->f[v[i]] > 0) << i;
+        rock |= (c->rock >> v[i] & 1) << i;
     for (uint32_t i = 0; i < 4; i++) {
         w[i] = v[order[rock][i]];
         count += rock >> i & 1;
@@ -182,21 +266,42 @@ static void cut_cell(sponge *s, cell *c) {
     /* the paths from corner 0 to corner 7, one axis at a time; the odd permutations are turned */
     static const uint32_t paths[6][4] = {{0, 1, 3, 7}, {0, 2, 6, 7}, {0, 4, 5, 7},
                                          {0, 1, 5, 7}, {0, 2, 3, 7}, {0, 4, 6, 7}};
-    size_t at = (size_t)c->y * s->points + c->x;
-    uint32_t rock = 0;
-    for (uint32_t i = 0; i < 8; i++) {
-        c->f[i] = s->field[(c->z + (i >> 2)) % 2][at + (i & 1) + (i >> 1 & 1) * s->points];
-        rock += c->f[i] > 0;
-    }
-    for (int i = 0; rock % 8 != 0 && i < 6; i++)
+    for (int i = 0; i < 6; i++)
         cut(s, c, paths[i], i >= 3);
+}
+
+/* A row of cells, 64 at a time: most have all their corners in the rock, or none. */
+static void cut_row(sponge *s, cell *c) {
+    const uint64_t *rows[4];
+    for (uint32_t i = 0; i < 4; i++)
+        rows[i] = s->rock[(c->z + (i >> 1)) % 2] + (size_t)(c->y + (i & 1)) * s->row_words;
+    for (uint32_t word = 0; word < s->row_words; word++) {
+        uint64_t low[4], high[4], some = 0, all = UINT64_MAX; /* corners at x and x + 1 */
+        for (uint32_t i = 0; i < 4; i++) {
+            uint64_t next = word + 1 < s->row_words ? rows[i][word + 1] : 0;
+            low[i] = rows[i][word];
+            high[i] = low[i] >> 1 | next << 63;
+            some |= low[i] | high[i];
+            all &= low[i] & high[i];
+        }
+        for (uint64_t mixed = some & ~all; mixed != 0; mixed &= mixed - 1) {
+            uint32_t bit = (uint32_t)__builtin_ctzll(mixed);
+            c->x = 64 * word + bit;
+            c->rock = 0;
+            for (uint32_t i = 0; i < 4; i++)
+                c->rock |= (uint32_t)((low[i] >> bit & 1) | (high[i] >> bit & 1) << 1) << 2 * i;
+            cut_cell(s, c);
+        }
+    }
 }
 
 /* ---- the whole ----------------------------------------------------------------------------- */
 
 static void close_grid(sponge *s) {
-    free(s->field[0]);
-    free(s->edge[0]);
+    free(s->rock[0]);
+    free(s->crossed[0].slot);
+    free(s->crossed[1].slot);
+    free(s->cache);
     free(s->sine[0]);
 }
 
@@ -217,16 +322,22 @@ static mn_code open_grid(sponge *s, uint32_t steps, mn_status *st) {
     s->low = -(1 + s->rest[0]) * (1 + 2.5 / steps);
     s->step = -2 * s->low / steps;
     s->vertices = s->triangles = 0;
-    size_t slice = (size_t)s->points * s->points;
-    s->field[0] = malloc(2 * slice * sizeof(float));
-    s->edge[0] = malloc(2 * slice * WAYS * sizeof(uint32_t));
+    MN_ASSERT((uint64_t)s->points * s->points < UINT32_MAX / WAYS);
+    s->row_words = s->points / 64 + 1;
+    size_t slice = (size_t)s->points * s->row_words;
+    s->rock[0] = malloc(2 * slice * sizeof *s->rock[0]);
+    s->cache = calloc(CACHE_SLOTS, sizeof *s->cache);
     s->sine[0] = malloc(6 * (size_t)s->points * sizeof(double));
-    if (s->field[0] == NULL || s->edge[0] == NULL || s->sine[0] == NULL) {
+    for (int i = 0; i < 2; i++)
+        s->crossed[i] = (crossings){.slot = malloc(sizeof *s->crossed[i].slot << CROSSINGS_BITS),
+                                    .bits = CROSSINGS_BITS};
+    s->no_memory = s->rock[0] == NULL || s->cache == NULL || s->sine[0] == NULL ||
+                   s->crossed[0].slot == NULL || s->crossed[1].slot == NULL;
+    if (s->no_memory) {
         close_grid(s);
         return mn_fail(st, MN_FAILED, "no memory for two slices of %u × %u", s->points, s->points);
     }
-    s->field[1] = s->field[0] + slice;
-    s->edge[1] = s->edge[0] + slice * WAYS;
+    s->rock[1] = s->rock[0] + slice;
     for (uint32_t a = 0; a < 3; a++) {
         s->sine[a] = s->sine[0] + 2 * a * s->points;
         s->cosine[a] = s->sine[a] + s->points;
@@ -248,9 +359,10 @@ static mn_code march(sponge *s, uint32_t steps, const mn_make_desc *desc, mn_sta
         fill_slice(s, z + 1);
         cell c = {.z = z};
         for (c.y = 0; c.y < steps; c.y++)
-            for (c.x = 0; c.x < steps; c.x++)
-                cut_cell(s, &c);
-        if (s->ply != NULL)
+            cut_row(s, &c);
+        if (s->no_memory)
+            code = mn_fail(st, MN_FAILED, "no memory for the edges of a slice");
+        else if (s->ply != NULL)
             code = mni_make_progress(desc, s->ply, z, steps, st);
     }
     close_grid(s);
