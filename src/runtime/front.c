@@ -14,6 +14,7 @@
 
 #include "assert.h"
 #include "frame.h"
+#include "ring.h"
 #include "sieve.h"
 
 /* ---- memory ---------------------------------------------------------------------------------- */
@@ -30,14 +31,14 @@ static size_t take(mni_arena *arena, void *field, size_t count, size_t size) {
 static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
     /* whole batches, for who reads them so */
     size_t slots = ((size_t)f->nodes_max + MNI_SIEVE_BATCH - 1) / MNI_SIEVE_BATCH * MNI_SIEVE_BATCH;
-    size_t simplices = f->simplices_max, sum = 0;
-    f->chunks_max = (uint32_t)(3 * simplices / MNI_FRONT_CHUNK);
+    size_t simplices = (size_t)f->simplices_max + 1, sum = 0; /* and simplex 0 */
+    f->chunks_max = (uint32_t)(3 * (size_t)f->simplices_max / MNI_FRONT_CHUNK);
     sum += take(arena, &f->position, slots, 3 * sizeof *f->position);
     sum += colors ? take(arena, &f->color, slots, sizeof *f->color) : 0;
     sum += take(arena, &f->switch_value, slots, sizeof *f->switch_value);
     sum += take(arena, &f->radius, slots, sizeof *f->radius);
     sum += take(arena, &f->face, slots, sizeof *f->face);
-    sum += take(arena, &f->node, slots, sizeof *f->node);
+    sum += take(arena, &f->node, slots + 1, sizeof *f->node); /* and nobody's */
     sum += take(arena, &f->branch, slots, sizeof *f->branch);
     sum += take(arena, &f->simplex_node, simplices, 3 * sizeof *f->simplex_node);
     sum += take(arena, &f->simplex_leaf, simplices, 3 * sizeof *f->simplex_leaf);
@@ -59,6 +60,16 @@ static void change_note(mni_front *f, uint32_t slot) {
 
 void mni_front_changes_forget(mni_front *f) {
     memset(f->changed, 0, ((size_t)f->slots_high + 63) / 64 * sizeof *f->changed);
+}
+
+/* Slot `nobody` and simplex 0, which stand where there is none (ring.c). */
+static void nobody_set(mni_front *f) {
+    f->nobody = f->nodes_max;
+    f->vectors = mni_ring_has_vectors();
+    f->node[f->nobody] = (mni_front_node){.above = MN_NONE, .more = MN_NONE, .witness = MN_NONE};
+    f->simplices_high = 1;
+    memset(f->simplex_node, 0xff, 3 * sizeof *f->simplex_node);
+    memset(f->simplex_leaf, 0, 3 * sizeof *f->simplex_leaf);
 }
 
 static uint32_t slot_new(mni_front *f) {
@@ -102,7 +113,7 @@ static uint32_t simplex_new(mni_front *f) {
     if (s != MN_NONE) {
         f->simplex_free = f->simplex_leaf[3 * (size_t)s];
     } else {
-        MN_ASSERT(f->simplices_high < f->simplices_max);
+        MN_ASSERT(f->simplices_high <= f->simplices_max);
         s = f->simplices_high++;
     }
     f->simplices_used++;
@@ -111,7 +122,7 @@ static uint32_t simplex_new(mni_front *f) {
 
 static void simplex_free(mni_front *f, uint32_t s) {
     f->simplex_node[3 * (size_t)s] = MN_NONE;
-    f->simplex_stamp[s / MN_FRONT_PAGE] = (uint32_t)f->version;
+    f->simplex_stamp[mni_simplex_page(4 * s)] = (uint32_t)f->version;
     f->simplex_leaf[3 * (size_t)s] = f->simplex_free;
     f->simplex_free = s;
     f->simplices_used--;
@@ -119,35 +130,11 @@ static void simplex_free(mni_front *f, uint32_t s) {
 
 /* ---- corner lists ---------------------------------------------------------------------------- */
 
-static inline uint32_t *node_of(const mni_front *f, uint32_t c) {
-    return &f->simplex_node[3 * (size_t)(c / 4) + c % 4];
-}
-
-static inline uint32_t leaf_of(const mni_front *f, uint32_t c) {
-    return f->simplex_leaf[3 * (size_t)(c / 4) + c % 4];
-}
-
-/* A stretch of a node's corners: those before the first MN_NONE. */
-typedef struct run {
-    uint32_t *corner; /* NULL: no more */
-    uint32_t room, more;
-} run;
-
-static inline run run_first(const mni_front *f, uint32_t slot) {
-    mni_front_node *n = &f->node[slot];
-    return (run){n->corner, MNI_FRONT_CORNERS, n->more};
-}
-
-static inline run run_next(const mni_front *f, run r) {
-    if (r.more == MN_NONE)
-        return (run){NULL, 0, MN_NONE};
-    return (run){f->chunk[r.more].corner, MNI_FRONT_CHUNK, f->chunk[r.more].next};
-}
-
-static inline uint32_t run_count(const uint32_t *corner, uint32_t room) {
+/* How many corners a record has; they come first. */
+static inline uint32_t record_count(const uint32_t corner[MNI_FRONT_CORNERS]) {
     uint32_t count = 0;
-    while (count < room && corner[count] != MN_NONE)
-        count++;
+    for (int i = 0; i < MNI_FRONT_CORNERS; i++)
+        count += corner[i] != 0;
     return count;
 }
 
@@ -159,7 +146,7 @@ static uint32_t chunk_new(mni_front *f) {
         MN_ASSERT(f->chunks_high < f->chunks_max);
         i = f->chunks_high++;
     }
-    memset(f->chunk[i].corner, 0xff, sizeof f->chunk[i].corner);
+    memset(f->chunk[i].corner, 0, sizeof f->chunk[i].corner);
     return i;
 }
 
@@ -168,23 +155,21 @@ static void chunk_free(mni_front *f, uint32_t i) {
     f->chunk_free = i;
 }
 
+static uint32_t chunk_count(const mni_front_chunk *chunk) {
+    uint32_t count = 0;
+    while (count < MNI_FRONT_CHUNK && chunk->corner[count] != 0)
+        count++;
+    return count;
+}
+
 static void corners_clear(mni_front *f, uint32_t slot) {
-    memset(f->node[slot].corner, 0xff, sizeof f->node[slot].corner);
+    memset(f->node[slot].corner, 0, sizeof f->node[slot].corner);
     f->node[slot].more = MN_NONE;
 }
 
-static void corner_push(mni_front *f, uint32_t slot, uint32_t c) {
-    mni_front_node *n = &f->node[slot];
-    if (n->more == MN_NONE) {
-        uint32_t count = run_count(n->corner, MNI_FRONT_CORNERS);
-        if (count < MNI_FRONT_CORNERS) {
-            n->corner[count] = c;
-            return;
-        }
-    }
-    uint32_t count = MNI_FRONT_CHUNK;
-    if (n->more != MN_NONE)
-        count = run_count(f->chunk[n->more].corner, MNI_FRONT_CHUNK);
+/* Onto a list whose record is full. */
+static void corner_push_far(mni_front *f, mni_front_node *n, uint32_t c) {
+    uint32_t count = n->more == MN_NONE ? MNI_FRONT_CHUNK : chunk_count(&f->chunk[n->more]);
     if (count == MNI_FRONT_CHUNK) {
         uint32_t i = chunk_new(f);
         f->chunk[i].next = n->more;
@@ -194,33 +179,40 @@ static void corner_push(mni_front *f, uint32_t slot, uint32_t c) {
     f->chunk[n->more].corner[count] = c;
 }
 
+static void corner_push(mni_front *f, uint32_t slot, uint32_t c) {
+    mni_front_node *n = &f->node[slot];
+    uint32_t count = record_count(n->corner);
+    if (count < MNI_FRONT_CORNERS)
+        n->corner[count] = c;
+    else
+        corner_push_far(f, n, c);
+}
+
+static void simplex_note(mni_front *f, uint32_t c) {
+    f->simplex_stamp[mni_simplex_page(c)] = (uint32_t)f->version;
+}
+
 /* Gives a corner to a slot: on its list, and in its simplex. */
 static void corner_give(mni_front *f, uint32_t slot, uint32_t c) {
-    *node_of(f, c) = slot;
-    f->simplex_stamp[c / (4 * MN_FRONT_PAGE)] = (uint32_t)f->version;
+    f->simplex_node[mni_corner_at(c)] = slot;
+    simplex_note(f, c);
     corner_push(f, slot, c);
 }
 
-/* The last corner of the first chunk, or of the record, takes its place. */
-static void corner_remove(mni_front *f, uint32_t c) {
-    uint32_t slot = *node_of(f, c), *hole = NULL, *last;
-    mni_front_node *n = &f->node[slot];
-    for (run r = run_first(f, slot); hole == NULL; r = run_next(f, r)) {
+/* Of a list with chunks: the last corner of the first chunk takes its place. */
+static void corner_remove_far(mni_front *f, mni_front_node *n, uint32_t c) {
+    uint32_t *hole = NULL;
+    uint32_t slot = (uint32_t)(n - f->node);
+    for (mni_run r = mni_run_first(f, slot); hole == NULL; r = mni_run_next(f, r)) {
         MN_ASSERT(r.corner != NULL);
         for (uint32_t i = 0; i < r.room && hole == NULL; i++)
             if (r.corner[i] == c)
                 hole = &r.corner[i];
     }
-    if (n->more == MN_NONE) {
-        last = &n->corner[run_count(n->corner, MNI_FRONT_CORNERS) - 1];
-        *hole = *last;
-        *last = MN_NONE;
-        return;
-    }
     mni_front_chunk *chunk = &f->chunk[n->more];
-    last = &chunk->corner[run_count(chunk->corner, MNI_FRONT_CHUNK) - 1];
+    uint32_t *last = &chunk->corner[chunk_count(chunk) - 1];
     *hole = *last;
-    *last = MN_NONE;
+    *last = 0;
     if (last == chunk->corner) {
         uint32_t empty = n->more;
         n->more = chunk->next;
@@ -228,17 +220,31 @@ static void corner_remove(mni_front *f, uint32_t c) {
     }
 }
 
+/* The last corner of the record takes its place. */
+static void corner_remove(mni_front *f, uint32_t slot, uint32_t c) {
+    mni_front_node *n = &f->node[slot];
+    if (n->more != MN_NONE) {
+        corner_remove_far(f, n, c);
+        return;
+    }
+    uint32_t at = MNI_FRONT_CORNERS, last = record_count(n->corner) - 1;
+    for (uint32_t i = 0; i < MNI_FRONT_CORNERS; i++)
+        at = n->corner[i] == c ? i : at;
+    MN_ASSERT(at <= last && last < MNI_FRONT_CORNERS);
+    n->corner[at] = n->corner[last];
+    n->corner[last] = 0;
+}
+
 /* A list taken off its slot, to be handed out again; the record's corners first, so that there are
  * chunks enough at any time. */
 typedef struct loose {
-    uint32_t corner[MNI_FRONT_CORNERS]; /* at hand: a record's, or a chunk's */
-    uint32_t count, more;
+    uint32_t corner[MNI_FRONT_CORNERS]; /* at hand: a record's, or a chunk's; then 0 */
+    uint32_t more;
 } loose;
 
 static loose corners_take(mni_front *f, uint32_t slot) {
     mni_front_node *n = &f->node[slot];
     loose list = {.more = n->more};
-    list.count = run_count(n->corner, MNI_FRONT_CORNERS);
     memcpy(list.corner, n->corner, sizeof n->corner);
     corners_clear(f, slot);
     return list;
@@ -249,18 +255,10 @@ static bool corners_next(mni_front *f, loose *list) {
     if (i == MN_NONE)
         return false;
     memcpy(list->corner, f->chunk[i].corner, sizeof f->chunk[i].corner);
-    list->count = run_count(list->corner, MNI_FRONT_CHUNK);
+    list->corner[MNI_FRONT_CHUNK] = 0;
     list->more = f->chunk[i].next;
     chunk_free(f, i);
     return true;
-}
-
-/* The slots of the other two corners of a corner's simplex; MN_NONE: a hinge has one. */
-static inline void others(const mni_front *f, uint32_t c, uint32_t out[2]) {
-    static const uint8_t other[4][2] = {{1, 2}, {2, 0}, {0, 1}, {0, 0}};
-    const uint32_t *node = &f->simplex_node[3 * (size_t)(c / 4)];
-    out[0] = node[other[c % 4][0]];
-    out[1] = node[other[c % 4][1]];
 }
 
 /* ---- blocks ---------------------------------------------------------------------------------- */
@@ -365,80 +363,84 @@ uint32_t mni_front_find(const mni_front *f, uint32_t leaf) {
     return at;
 }
 
-static bool within(const mni_front_node *n, uint32_t leaf) {
-    return n->leaf_lo <= leaf && leaf < n->leaf_hi;
+static inline bool within(const mni_front_node *n, uint32_t leaf) {
+    return leaf - n->leaf_lo < n->leaf_hi - n->leaf_lo;
 }
 
-/* The active node of a leaf that is a neighbour of slot's, where the file is what it should be. */
-static uint32_t find_near(mni_front *f, uint32_t slot, uint32_t leaf) {
-    uint32_t looked = 0, other[2];
-    for (run r = run_first(f, slot); r.corner != NULL && looked < MNI_FRONT_NEAR_MAX;
-         r = run_next(f, r), looked += r.room)
-        for (uint32_t i = 0; i < r.room && r.corner[i] != MN_NONE; i++) {
-            others(f, r.corner[i], other);
-            for (int k = 0; k < 2; k++)
-                if (other[k] != MN_NONE && within(&f->node[other[k]], leaf))
-                    return other[k];
+/* The active node of a leaf that is a neighbour of slot's, where the file is what it should be, and
+ * slot's list is long. */
+static uint32_t find_near_far(mni_front *f, uint32_t slot, uint32_t leaf) {
+    uint32_t looked = 0;
+    for (mni_run r = mni_run_first(f, slot); r.corner != NULL && looked < MNI_FRONT_NEAR_MAX;
+         r = mni_run_next(f, r), looked += r.room)
+        for (uint32_t i = 0; i < r.room && r.corner[i] != 0; i++) {
+            uint32_t after = mni_corner_slot(f, mni_corner_after(r.corner[i]));
+            uint32_t before = mni_corner_slot(f, mni_corner_before(r.corner[i]));
+            if (within(&f->node[after], leaf))
+                return after;
+            if (within(&f->node[before], leaf))
+                return before;
         }
     f->descents++;
     return mni_front_find(f, leaf);
 }
 
-/* The corner of a simplex that goes to the right child of its kill node. */
-static uint32_t *right_corner(const mni_front *f, uint32_t s, const mni_front_node *p,
-                              uint32_t mid) {
-    const uint32_t *leaf = &f->simplex_leaf[3 * (size_t)s];
-    for (int k = 0; k < 2; k++)
-        if (leaf[k] >= mid && leaf[k] < p->leaf_hi)
-            return &f->simplex_node[3 * (size_t)s + (size_t)k];
-    return &f->simplex_node[3 * (size_t)s + 2];
-}
+/* What a split has found out before it changes anything. */
+typedef struct split_plan {
+    uint32_t slot, mid;
+    bool is_long;   /* slot's list */
+    mni_ring ring;  /* around slot, unless that is long */
+    uint32_t chain; /* simplices that appear, by their corners at the right child: until its slot is
+                       known, the next one stands there */
+} split_plan;
 
-/* One simplex killed at slot, its third corner found, onto the chain: until it is known which slot
- * its right corner goes to, the next one stands there. false: the block lies: a corner is not where
- * it must be, or an edge would appear between nodes that a valid front does not hold together. */
-static bool simplex_prepare(mni_front *f, uint32_t slot, uint32_t mid, const uint32_t corner[3],
-                            uint32_t *chain) {
-    const mni_front_node *p = &f->node[slot];
-    uint32_t node[3], left = 0, right = 0;
-    for (int k = 0; k < 3; k++) {
-        node[k] = MN_NONE;
-        if (corner[k] != MN_NONE && within(p, corner[k])) {
-            left += corner[k] < mid;
-            right += corner[k] >= mid;
-            node[k] = slot; /* its child, when the slots are known */
-        } else if (corner[k] != MN_NONE) {
-            if (corner[k] >= f->header->leaves)
-                return false;
-            uint32_t third = find_near(f, slot, corner[k]);
-            if (f->node[third].order >= p->order || f->node[third].above <= p->order)
-                return false;
-            node[k] = third;
-        }
-    }
-    if (left != 1 || right != 1 || corner[0] == MN_NONE || corner[1] == MN_NONE)
+/* One simplex killed at the plan's slot, its third corner found, onto the chain. false: the block
+ * lies: a corner is not where it must be, or an edge would appear between nodes that a valid front
+ * does not hold together. */
+static bool simplex_prepare(mni_front *f, split_plan *plan, const uint32_t corner[3]) {
+    static const uint8_t after[3] = {1, 2, 0}, before[3] = {2, 0, 1};
+    const mni_front_node *p = &f->node[plan->slot];
+    uint32_t third = within(p, corner[0]) ? 2 : 0;
+    third = within(p, corner[1]) ? third : 1;
+    uint32_t a = after[third], b = before[third];
+    uint32_t right = corner[a] >= plan->mid ? a : b;
+    if (!within(p, corner[a]) || !within(p, corner[b]) || corner[a + b - right] >= plan->mid ||
+        corner[right] < plan->mid)
         return false;
-    uint32_t s = simplex_new(f);
+    uint32_t at = MN_NONE;
+    if (corner[third] != MN_NONE) {
+        if (corner[third] >= f->header->leaves || within(p, corner[third]))
+            return false;
+        at = plan->is_long ? MN_NONE : mni_ring_find(f, &plan->ring, corner[third]);
+        if (at == MN_NONE)
+            at = find_near_far(f, plan->slot, corner[third]);
+        if (f->node[at].order >= p->order || f->node[at].above <= p->order)
+            return false;
+    } else if (third != 2) {
+        return false;
+    }
+    uint32_t s = simplex_new(f), *node = &f->simplex_node[3 * (size_t)s];
     memcpy(&f->simplex_leaf[3 * (size_t)s], corner, 3 * sizeof *corner);
-    memcpy(&f->simplex_node[3 * (size_t)s], node, sizeof node);
-    *right_corner(f, s, p, mid) = *chain;
-    *chain = s;
+    node[third] = at;
+    node[a + b - right] = plan->slot;
+    node[right] = plan->chain;
+    plan->chain = 4 * s + right;
     return true;
 }
 
-static void chain_drop(mni_front *f, uint32_t slot, uint32_t mid, uint32_t chain) {
-    while (chain != MN_NONE) {
-        uint32_t next = *right_corner(f, chain, &f->node[slot], mid);
-        simplex_free(f, chain);
-        chain = next;
+static void plan_drop(mni_front *f, split_plan *plan) {
+    while (plan->chain != 0) {
+        uint32_t corner = plan->chain;
+        plan->chain = f->simplex_node[mni_corner_at(corner)];
+        simplex_free(f, corner / 4);
     }
 }
 
 /* The simplices of a node's overflow blocks, onto the chain. */
-static mni_outcome overflow_prepare(mni_front *f, uint32_t slot, mni_entry entry,
-                                    const mni_node *record, uint32_t *chain) {
+static mni_outcome overflow_prepare(mni_front *f, split_plan *plan, mni_entry entry,
+                                    const mni_node *record) {
     bool fresh = false;
-    const mni_front_node *p = &f->node[slot];
+    const mni_front_node *p = &f->node[plan->slot];
     const void *bytes = mni_store_bytes(f->store, entry, &fresh);
     uint32_t at = record->overflow_ref;
     for (uint32_t hop = 0; at != MN_NONE; hop++) {
@@ -461,7 +463,7 @@ static mni_outcome overflow_prepare(mni_front *f, uint32_t slot, mni_entry entry
         for (uint32_t i = 0; i < overflow.simplices; i++) {
             uint32_t corner[3];
             mni_overflow_simplex(&overflow, i, corner);
-            if (!simplex_prepare(f, slot, record->leaf_mid, corner, chain))
+            if (!simplex_prepare(f, plan, corner))
                 return MNI_BAD;
         }
         at = frame.refs > 0 ? 0 : MN_NONE;
@@ -469,20 +471,18 @@ static mni_outcome overflow_prepare(mni_front *f, uint32_t slot, mni_entry entry
     return MNI_DONE;
 }
 
-static mni_outcome simplices_prepare(mni_front *f, uint32_t slot, mni_entry entry,
-                                     const mni_node *record, uint32_t *chain) {
-    *chain = MN_NONE;
+static mni_outcome simplices_prepare(mni_front *f, split_plan *plan, mni_entry entry,
+                                     const mni_node *record) {
     if (record->simplex_count > f->simplices_max - f->simplices_used)
         return MNI_REFUSED_FRONT;
     const mni_block *block = view_of(f, entry, NULL);
     for (uint32_t i = 0; i < record->simplex_count; i++) {
         uint32_t corner[3];
         mni_block_simplex(block, record->simplex_first + i, corner);
-        if (!simplex_prepare(f, slot, record->leaf_mid, corner, chain))
+        if (!simplex_prepare(f, plan, corner))
             return MNI_BAD;
     }
-    return record->overflow_ref == MN_NONE ? MNI_DONE
-                                           : overflow_prepare(f, slot, entry, record, chain);
+    return record->overflow_ref == MN_NONE ? MNI_DONE : overflow_prepare(f, plan, entry, record);
 }
 
 /* ---- split ----------------------------------------------------------------------------------- */
@@ -530,54 +530,62 @@ static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_ent
     return b;
 }
 
-/* Hands those of p's corners that are the right child's to it. */
+/* Hands those of a node's corners that are the right child's to it. */
 static void corners_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
+    if (f->node[slot].more == MN_NONE) {
+        mni_ring_part(f, slot, right, mid);
+        return;
+    }
     loose list = corners_take(f, slot);
     do {
-        for (uint32_t i = 0; i < list.count; i++) {
-            if (leaf_of(f, list.corner[i]) < mid)
-                corner_push(f, slot, list.corner[i]);
+        for (const uint32_t *c = list.corner; c < list.corner + MNI_FRONT_CORNERS && *c != 0; c++) {
+            if (f->simplex_leaf[mni_corner_at(*c)] < mid)
+                corner_push(f, slot, *c);
             else
-                corner_give(f, right, list.corner[i]);
+                corner_give(f, right, *c);
         }
     } while (corners_next(f, &list));
 }
 
-/* The simplices on the chain appear. Returns how many. p: as it was. */
-static uint32_t chain_link(mni_front *f, const mni_front_node *p, uint32_t right, uint32_t mid,
-                           uint32_t chain) {
+/* The simplices of the plan appear. Returns how many. */
+static uint32_t simplices_link(mni_front *f, const split_plan *plan, uint32_t right) {
     uint32_t count = 0;
-    for (uint32_t s = chain; s != MN_NONE; count++) {
-        uint32_t *node = &f->simplex_node[3 * (size_t)s], *moves = right_corner(f, s, p, mid);
-        s = *moves;
-        *moves = right;
-        f->triangles += node[2] != MN_NONE;
-        uint32_t at = (uint32_t)((node - f->simplex_node) / 3);
-        for (uint32_t k = 0; k < 3; k++)
-            if (node[k] != MN_NONE)
-                corner_give(f, node[k], 4 * at + k);
+    for (uint32_t c = plan->chain, next; c != 0; c = next, count++) {
+        uint32_t *node = &f->simplex_node[mni_corner_at(c)];
+        uint32_t after = mni_corner_after(c), before = mni_corner_before(c);
+        bool left_after = f->simplex_node[mni_corner_at(after)] == plan->slot;
+        uint32_t left = left_after ? after : before, third = left_after ? before : after;
+        uint32_t slot = f->simplex_node[mni_corner_at(third)];
+        next = *node;
+        *node = right;
+        simplex_note(f, c);
+        corner_push(f, right, c);
+        corner_push(f, plan->slot, left);
+        if (slot == MN_NONE)
+            continue;
+        corner_push(f, slot, third);
+        f->triangles++;
     }
     return count;
 }
 
-/* p, whose record is read and whose simplices wait on the chain, becomes a branch. */
-static uint32_t part(mni_front *f, uint32_t slot, mni_entry home, const mni_node *record,
-                     uint32_t chain) {
-    const mni_front_node p = f->node[slot];
-    uint32_t right = slot_new(f), b = branch_make(f, slot, right, home);
+/* The plan's node, whose record is read, becomes a branch. */
+static uint32_t part(mni_front *f, const split_plan *plan, mni_entry home, const mni_node *record) {
+    uint32_t slot = plan->slot, right = slot_new(f), b = branch_make(f, slot, right, home);
+    uint32_t order = f->node[slot].order;
     change_note(f, slot);
     change_note(f, right);
-    f->node[slot].leaf_hi = record->leaf_mid;
     f->node[right].leaf_lo = record->leaf_mid;
-    f->node[right].leaf_hi = p.leaf_hi;
+    f->node[right].leaf_hi = f->node[slot].leaf_hi;
+    f->node[slot].leaf_hi = record->leaf_mid;
     memcpy(&f->position[3 * (size_t)right], record->right_position, 3 * sizeof *f->position);
     if (f->color != NULL)
         f->color[right] = record->right_color;
     corners_clear(f, right);
     corners_part(f, slot, right, record->leaf_mid);
-    node_set(f, slot, b, p.order, &record->left);
-    node_set(f, right, b, p.order, &record->right);
-    f->branch[b].killed = chain_link(f, &p, right, record->leaf_mid, chain) & INT32_MAX;
+    node_set(f, slot, b, order, &record->left);
+    node_set(f, right, b, order, &record->right);
+    f->branch[b].killed = simplices_link(f, plan, right) & INT32_MAX;
     return b;
 }
 
@@ -589,12 +597,15 @@ mni_outcome mni_front_split(mni_front *f, uint32_t slot, uint32_t *branch) {
         return MNI_REFUSED_FRONT;
     mni_node record;
     mni_entry home;
-    uint32_t chain = MN_NONE;
+    split_plan plan = {.slot = slot, .is_long = f->node[slot].more != MN_NONE};
     mni_outcome outcome = record_take(f, slot, &home, &record);
     if (outcome == MNI_DONE) {
-        outcome = simplices_prepare(f, slot, home, &record, &chain);
+        plan.mid = record.leaf_mid;
+        uint32_t blocked = plan.is_long ? 0 : mni_ring_block_split(f, slot, &plan.ring);
+        MN_ASSERT(blocked == 0);
+        outcome = simplices_prepare(f, &plan, home, &record);
         if (outcome != MNI_DONE) {
-            chain_drop(f, slot, record.leaf_mid, chain);
+            plan_drop(f, &plan);
             mni_store_sub(f->store, home);
         }
     }
@@ -605,7 +616,7 @@ mni_outcome mni_front_split(mni_front *f, uint32_t slot, uint32_t *branch) {
     if (outcome != MNI_DONE)
         return outcome;
     mni_store_add(f->store, home); /* for the second child */
-    *branch = part(f, slot, home, &record, chain);
+    *branch = part(f, &plan, home, &record);
     return MNI_DONE;
 }
 
@@ -618,24 +629,44 @@ void mni_front_release(mni_front *f, uint32_t branch) {
 
 /* ---- collapse -------------------------------------------------------------------------------- */
 
-/* Kills what has a corner in both children, and hands the right one's other corners to the left. */
+/* A simplex that both children hold dies: c is its corner at one of them, third the one at
+ * neither. */
+static void simplex_kill(mni_front *f, uint32_t c, uint32_t third) {
+    uint32_t slot = f->simplex_node[mni_corner_at(third)];
+    if (slot != MN_NONE) {
+        corner_remove(f, slot, third);
+        f->triangles--;
+    }
+    simplex_free(f, c / 4);
+}
+
+/* Kills what has a corner in both children, and hands the right one's other corners to the left.
+ * Returns how many died. */
+static uint32_t records_join(mni_front *f, uint32_t left, uint32_t right) {
+    uint32_t third[MNI_FRONT_CORNERS], over[MNI_FRONT_CORNERS], over_count;
+    uint32_t killed = mni_ring_join(f, left, right, third, over, &over_count);
+    for (uint32_t i = 0; i < over_count; i++)
+        corner_push(f, left, over[i]);
+    for (uint32_t i = 0; i < killed; i++)
+        simplex_kill(f, third[i], third[i]);
+    return killed;
+}
+
 static uint32_t corners_join(mni_front *f, uint32_t left, uint32_t right) {
+    if (f->node[left].more == MN_NONE && f->node[right].more == MN_NONE)
+        return records_join(f, left, right);
     uint32_t killed = 0;
     loose list = corners_take(f, right);
     do {
-        for (uint32_t i = 0; i < list.count; i++) {
-            uint32_t c = list.corner[i], s = c / 4, other[2];
-            const uint32_t *node = &f->simplex_node[3 * (size_t)s];
-            others(f, c, other);
-            if (other[0] != left && other[1] != left) {
-                corner_give(f, left, c);
+        for (const uint32_t *c = list.corner; c < list.corner + MNI_FRONT_CORNERS && *c != 0; c++) {
+            uint32_t after = mni_corner_after(*c), before = mni_corner_before(*c);
+            bool left_after = mni_corner_slot(f, after) == left;
+            if (!left_after && mni_corner_slot(f, before) != left) {
+                corner_give(f, left, *c);
                 continue;
             }
-            for (uint32_t k = 0; k < 3; k++)
-                if (k != c % 4 && node[k] != MN_NONE)
-                    corner_remove(f, 4 * s + k);
-            f->triangles -= node[2] != MN_NONE;
-            simplex_free(f, s);
+            corner_remove(f, left, left_after ? after : before);
+            simplex_kill(f, *c, left_after ? before : after);
             killed++;
         }
     } while (corners_next(f, &list));
@@ -684,77 +715,6 @@ mni_outcome mni_front_collapse(mni_front *f, uint32_t fork) {
     return MNI_DONE;
 }
 
-/* ---- implicit dependencies ------------------------------------------------------------------- */
-
-/* A witness is a neighbour of n's still: the node that was seen is active. Two nodes that are
- * neighbours once stay so while both are active: a simplex that joins them dies only with one of
- * them. Whether it blocks now is for the caller to see: one serves both moves. */
-static bool witness_stands(const mni_front *f, const mni_front_node *n) {
-    return n->witness != MN_NONE && f->node[n->witness].order == n->witness_order;
-}
-
-static void witness_set(mni_front *f, uint32_t slot, uint32_t found) {
-    f->node[slot].witness = found;
-    f->node[slot].witness_order = f->node[found].order;
-}
-
-uint32_t mni_front_split_blockers(const mni_front *f, uint32_t slot, mni_front_ref *out,
-                                  uint32_t room) {
-    uint32_t order = f->node[slot].order, count = 0, other[2];
-    for (run r = run_first(f, slot); r.corner != NULL; r = run_next(f, r))
-        for (uint32_t i = 0; i < r.room && r.corner[i] != MN_NONE; i++) {
-            others(f, r.corner[i], other);
-            for (int k = 0; k < 2; k++) {
-                if (other[k] == MN_NONE || f->node[other[k]].order <= order)
-                    continue;
-                out[count++] = mni_front_ref_of(f, other[k]);
-                if (count == room)
-                    return count;
-            }
-        }
-    return count;
-}
-
-uint32_t mni_front_split_blocker(mni_front *f, uint32_t slot) {
-    const mni_front_node *p = &f->node[slot];
-    if (witness_stands(f, p) && p->witness_order > f->node[slot].order)
-        return p->witness;
-    mni_front_ref found;
-    if (mni_front_split_blockers(f, slot, &found, 1) == 0)
-        return MN_NONE;
-    witness_set(f, slot, found.slot);
-    return found.slot;
-}
-
-static uint32_t collapse_blocker_at(const mni_front *f, uint32_t slot, uint32_t order) {
-    uint32_t other[2];
-    for (run r = run_first(f, slot); r.corner != NULL; r = run_next(f, r))
-        for (uint32_t i = 0; i < r.room && r.corner[i] != MN_NONE; i++) {
-            others(f, r.corner[i], other);
-            for (int k = 0; k < 2; k++) /* the sibling's parent is the fork itself */
-                if (other[k] != MN_NONE && f->node[other[k]].above < order)
-                    return other[k];
-        }
-    return MN_NONE;
-}
-
-uint32_t mni_front_collapse_blocker(mni_front *f, uint32_t fork) {
-    const mni_front_branch *b = &f->branch[fork];
-    for (int side = 0; side < 2; side++) {
-        const mni_front_node *n = &f->node[b->child[side]];
-        if (witness_stands(f, n) && f->node[n->witness].above < b->order)
-            return n->witness;
-    }
-    for (int side = 0; side < 2; side++) {
-        uint32_t found = collapse_blocker_at(f, b->child[side], b->order);
-        if (found != MN_NONE) {
-            witness_set(f, b->child[side], found);
-            return found;
-        }
-    }
-    return MN_NONE;
-}
-
 /* ---- open ------------------------------------------------------------------------------------ */
 
 static mn_code root_open(mni_front *f, uint32_t r, uint32_t leaf_lo, mn_status *st) {
@@ -800,11 +760,12 @@ mn_code mni_front_open(mni_front *f, mni_store *store, const mn_header *header, 
                                    .nodes = header->nodes,
                                    .file_bytes = header->file_bytes,
                                    .has_colors = header->has_colors};
-    MN_ASSERT(nodes_max >= header->roots && nodes_max < MNI_FRONT_NO_PARENT);
-    MN_ASSERT(simplices_max <= UINT32_MAX / 4);
+    MN_ASSERT(nodes_max >= header->roots && nodes_max < MNI_FRONT_NODES_MAX);
+    MN_ASSERT(simplices_max < MNI_FRONT_SIMPLICES_MAX);
     lay_out(f, arena, header->has_colors);
     for (uint32_t i = 0; i < MNI_FRONT_VIEWS; i++)
         f->view[i].entry = MNI_NO_ENTRY;
+    nobody_set(f);
     uint32_t leaf = 0;
     for (uint32_t r = 0; r < header->roots; r++) {
         mn_code code = root_open(f, r, leaf, st);

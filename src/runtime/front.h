@@ -16,7 +16,9 @@
 #include "wanted.h"
 
 enum {
-    MNI_FRONT_VIEWS = 64,    /* opened blocks at hand; a power of two */
+    MNI_FRONT_NODES_MAX = 1 << 27,     /* × 16 words are 31 bits */
+    MNI_FRONT_SIMPLICES_MAX = 1 << 29, /* × 4 likewise */
+    MNI_FRONT_VIEWS = 64,              /* opened blocks at hand; a power of two */
     MNI_FRONT_NEAR_MAX = 64, /* corners looked through for a third corner before descending */
 };
 
@@ -49,7 +51,7 @@ typedef struct mni_front_node {
     uint32_t order; /* order id; MN_NONE: nobody is in the slot */
     uint32_t above; /* order id of its parent; MN_NONE: a root */
     uint32_t leaf_lo, leaf_hi;
-    uint32_t corner[MNI_FRONT_CORNERS]; /* of simplices, then MN_NONE; free: [0] next free slot */
+    uint32_t corner[MNI_FRONT_CORNERS]; /* of simplices, then 0; free: [0] next free slot */
     uint32_t more;                      /* first chunk of further corners, or MN_NONE */
     uint32_t parent : 29;               /* branch */
     uint32_t flags : 3;
@@ -100,6 +102,8 @@ typedef struct mni_front {
     const mn_header *header;
     mni_block_limits limits;
     uint32_t nodes_max, simplices_max, chunks_max;
+    uint32_t nobody; /* the slot past all, whose node is none (ring.c) */
+    bool vectors;    /* for ring.c */
 
     float *position; /* 3 × slots */
     uint32_t *color; /* slots, or NULL */
@@ -108,12 +112,13 @@ typedef struct mni_front {
     mni_front_node *node;
     mni_front_branch *branch;
     mni_front_chunk *chunk;
-    /* 3 × simplices; corner k of simplex s is 4 s + k */
+    /* 3 × simplices; corner k of simplex s is 4 s + k. Simplex 0 is none: its corners are MN_NONE
+     */
     uint32_t *simplex_node; /* slots; [3s] MN_NONE: free */
     uint32_t *simplex_leaf; /* leaf ids; free: [3s] next free one */
     uint64_t *changed;      /* a bit a slot: its node came or went since changes_forget */
     uint32_t *node_stamp; /* a page of MN_FRONT_PAGE slots: low bits of version, last written at */
-    uint32_t *simplex_stamp;
+    uint32_t *simplex_stamp; /* likewise of simplices, from simplex 1 on */
 
     uint32_t slots_high, slot_free; /* high: never used from here on */
     uint32_t branches_high, branch_free;

@@ -151,7 +151,7 @@ static void check_simplex(const mni_front *f, uint32_t s) {
 static uint64_t check_corners(const mni_front *f, uint32_t slot, const uint32_t *corner,
                               uint32_t room, bool first) {
     uint64_t count = 0;
-    for (uint32_t i = 0; i < room && corner[i] != MN_NONE; i++, count++)
+    for (uint32_t i = 0; i < room && corner[i] != 0; i++, count++)
         MN_ASSERT(f->simplex_node[3 * (size_t)(corner[i] / 4) + corner[i] % 4] == slot);
     MN_ASSERT(first ? count > 0 : count == room);
     return count;
@@ -164,7 +164,7 @@ static uint64_t check_slot(const mni_front *f, uint32_t slot) {
     MN_ASSERT(mni_front_find(f, n->leaf_lo) == slot);
     MN_ASSERT(mni_front_is_leaf(f, slot) == (n->leaf_hi - n->leaf_lo == 1));
     MN_ASSERT(n->above == (is_root ? MN_NONE : f->branch[n->parent].order));
-    if (n->more == MN_NONE && n->corner[0] == MN_NONE)
+    if (n->more == MN_NONE && n->corner[0] == 0)
         return 0;
     uint64_t corners = check_corners(f, slot, n->corner, MNI_FRONT_CORNERS, n->more == MN_NONE);
     for (uint32_t i = n->more; i != MN_NONE; i = f->chunk[i].next)

@@ -31,9 +31,10 @@ enum {
     SIMPLICES_EXTRA = 1024,   /* beyond 9/4 a node: fronts with many hinges or fins */
 };
 #define POOL_FREE_BYTES (UINT64_C(256) << 20) /* of a pool without a cap */
-/* What the front's words have room for: 29 bits of a branch, two more of a corner of a simplex. */
-#define NODES_LIMIT (MNI_FRONT_NO_PARENT - 1)
-#define SIMPLICES_LIMIT (UINT32_MAX / 4)
+/* What the front's words have room for: vectors address a word of a node, and a corner of a
+ * simplex, by 31 bits. */
+#define NODES_LIMIT (MNI_FRONT_NODES_MAX - 1)
+#define SIMPLICES_LIMIT (MNI_FRONT_SIMPLICES_MAX - 1)
 
 static uint32_t least_u32(uint64_t a, uint64_t b) {
     uint64_t least = a < b ? a : b;

@@ -315,9 +315,9 @@ void mn_session_front(const mn_session *s, mn_front *out) {
                       .position = front->position,
                       .color = front->color,
                       .switch_value = front->switch_value,
-                      .simplex_slots = front->simplices_high,
-                      .simplex_node = front->simplex_node,
-                      .simplex_leaf = front->simplex_leaf,
+                      .simplex_slots = front->simplices_high - 1, /* simplex 0 is none */
+                      .simplex_node = front->simplex_node + 3,
+                      .simplex_leaf = front->simplex_leaf + 3,
                       .triangles = front->triangles,
                       .version = front->version,
                       .node_stamp = front->node_stamp,

@@ -1,0 +1,104 @@
+/* Implicit dependencies: who stands in the way of a move.
+ *
+ * Hides: how the neighbours of a node are looked through. A ring that fits a record is looked at
+ * whole and without a branch (ring.c). A pole's thousands are not scanned each time: it keeps
+ * one that blocks as a witness. Two nodes that are neighbours once stay so while both are active,
+ * because a simplex that joins them dies only with one of them; so a witness that is still active
+ * still is a neighbour, and whether it blocks now is seen at once: one serves both moves.
+ *
+ * Any order of calls. Threads: Navigate only. No memory. Paper: §3.3.5. */
+#include "ring.h"
+
+static bool is_long(const mni_front *f, uint32_t slot) {
+    return f->node[slot].more != MN_NONE;
+}
+
+static bool witness_stands(const mni_front *f, const mni_front_node *n) {
+    return n->witness != MN_NONE && f->node[n->witness].order == n->witness_order;
+}
+
+static void witness_set(mni_front *f, uint32_t slot, uint32_t found) {
+    f->node[slot].witness = found;
+    f->node[slot].witness_order = f->node[found].order;
+}
+
+/* ---- splits ---------------------------------------------------------------------------------- */
+
+static uint32_t split_blockers_far(const mni_front *f, uint32_t slot, mni_front_ref *out,
+                                   uint32_t room) {
+    uint32_t order = f->node[slot].order, count = 0;
+    for (mni_run r = mni_run_first(f, slot); r.corner != NULL; r = mni_run_next(f, r))
+        for (uint32_t i = 0; i < r.room && r.corner[i] != 0; i++)
+            for (int k = 0; k < 2; k++) {
+                uint32_t c = r.corner[i];
+                uint32_t at = mni_corner_slot(f, k ? mni_corner_before(c) : mni_corner_after(c));
+                if (f->node[at].order <= order)
+                    continue;
+                out[count++] = mni_front_ref_of(f, at);
+                if (count == room)
+                    return count;
+            }
+    return count;
+}
+
+uint32_t mni_front_split_blockers(const mni_front *f, uint32_t slot, mni_front_ref *out,
+                                  uint32_t room) {
+    if (is_long(f, slot))
+        return split_blockers_far(f, slot, out, room);
+    mni_ring ring;
+    uint32_t count = 0;
+    for (uint32_t mask = mni_ring_block_split(f, slot, &ring); mask != 0 && count < room;
+         mask &= mask - 1)
+        out[count++] = mni_front_ref_of(f, ring.slot[__builtin_ctz(mask)]);
+    return count;
+}
+
+uint32_t mni_front_split_blocker(mni_front *f, uint32_t slot) {
+    const mni_front_node *p = &f->node[slot];
+    mni_front_ref found;
+    if (is_long(f, slot) && witness_stands(f, p) && p->witness_order > p->order)
+        return p->witness;
+    if (mni_front_split_blockers(f, slot, &found, 1) == 0)
+        return MN_NONE;
+    if (is_long(f, slot))
+        witness_set(f, slot, found.slot);
+    return found.slot;
+}
+
+/* ---- collapses ------------------------------------------------------------------------------- */
+
+/* MN_NONE: none blocks. The sibling's parent is the fork itself. */
+static uint32_t collapse_blocker_near(const mni_front *f, uint32_t slot, uint32_t order) {
+    mni_ring ring;
+    uint32_t mask = mni_ring_block_collapse(f, slot, order, &ring);
+    return mask == 0 ? MN_NONE : ring.slot[__builtin_ctz(mask)];
+}
+
+static uint32_t collapse_blocker_far(mni_front *f, uint32_t slot, uint32_t order) {
+    const mni_front_node *n = &f->node[slot];
+    if (witness_stands(f, n) && f->node[n->witness].above < order)
+        return n->witness;
+    for (mni_run r = mni_run_first(f, slot); r.corner != NULL; r = mni_run_next(f, r))
+        for (uint32_t i = 0; i < r.room && r.corner[i] != 0; i++)
+            for (int k = 0; k < 2; k++) {
+                uint32_t c = r.corner[i];
+                uint32_t at = mni_corner_slot(f, k ? mni_corner_before(c) : mni_corner_after(c));
+                if (f->node[at].above >= order)
+                    continue;
+                witness_set(f, slot, at);
+                return at;
+            }
+    return MN_NONE;
+}
+
+uint32_t mni_front_collapse_blocker(mni_front *f, uint32_t fork) {
+    const mni_front_branch *b = &f->branch[fork];
+    for (int side = 0; side < 2; side++) {
+        uint32_t slot = b->child[side];
+        uint32_t found = is_long(f, slot) ? collapse_blocker_far(f, slot, b->order)
+                                          : collapse_blocker_near(f, slot, b->order);
+        if (found != MN_NONE)
+            return found;
+    }
+    return MN_NONE;
+}

@@ -1,0 +1,301 @@
+/* The ring of neighbours around a node, and what the two moves do to records of corners.
+ *
+ * Hides: vectors. A walk around a node would guess wrongly how many corners it has, whose turn it
+ * is in a simplex, which of them go and which stay, and each wrong guess costs as much as looking
+ * at four neighbours. So a record's eight places are gone through at once and without a branch:
+ * places that are empty hold corner 0, of simplex 0, which is none and leads to the slot `nobody`,
+ * whose record answers no to everything.
+ *
+ * With AVX2 and BMI2 by gathers and permutations; elsewhere by loops, with the same outcome.
+ *
+ * Threads: Navigate only. No memory. Paper: §3.3.5 (implicit dependencies). */
+#include "ring.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "assert.h"
+
+enum { HALF = MNI_FRONT_CORNERS };
+_Static_assert(HALF == 8, "what a vector holds");
+
+static void give(mni_front *f, uint32_t corner, uint32_t slot) {
+    f->simplex_node[mni_corner_at(corner)] = slot;
+    f->simplex_stamp[mni_simplex_page(corner)] = (uint32_t)f->version;
+}
+
+/* ---- loops ----------------------------------------------------------------------------------- */
+
+static void look(const mni_front *f, const uint32_t *corner, mni_ring *ring) {
+    for (int i = 0; i < HALF; i++) {
+        ring->slot[i] = mni_corner_slot(f, mni_corner_after(corner[i]));
+        ring->slot[HALF + i] = mni_corner_slot(f, mni_corner_before(corner[i]));
+    }
+}
+
+static uint32_t above_or_below(const mni_front *f, const mni_ring *ring, bool split,
+                               uint32_t order) {
+    uint32_t mask = 0;
+    for (int i = 0; i < MNI_RING; i++) {
+        const mni_front_node *n = &f->node[ring->slot[i]];
+        mask |= (uint32_t)(split ? n->order > order : n->above < order) << i;
+    }
+    return mask;
+}
+
+static uint32_t find(const mni_front *f, const mni_ring *ring, uint32_t leaf) {
+    for (int i = 0; i < MNI_RING; i++) {
+        const mni_front_node *n = &f->node[ring->slot[i]];
+        if (leaf - n->leaf_lo < n->leaf_hi - n->leaf_lo)
+            return ring->slot[i];
+    }
+    return MN_NONE;
+}
+
+static void part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
+    uint32_t kept[HALF] = {0}, kept_count = 0, given_count = 0;
+    uint32_t *corner = f->node[slot].corner, *given = f->node[right].corner;
+    for (int i = 0; i < HALF && corner[i] != 0; i++) {
+        if (f->simplex_leaf[mni_corner_at(corner[i])] < mid)
+            kept[kept_count++] = corner[i];
+        else
+            give(f, given[given_count++] = corner[i], right);
+    }
+    memcpy(corner, kept, sizeof kept);
+}
+
+/* Of each record: which corners die, and of those the third corner. Then all that live, packed. */
+static uint32_t join(mni_front *f, uint32_t left, uint32_t right, uint32_t *third,
+                     uint32_t kept[2 * HALF]) {
+    uint32_t count = 0, died = 0;
+    mni_ring ring;
+    for (int side = 0; side < 2; side++) {
+        const uint32_t *corner = f->node[side ? right : left].corner;
+        uint32_t other = side ? left : right;
+        look(f, corner, &ring);
+        for (int i = 0; i < HALF && corner[i] != 0; i++) {
+            bool after = ring.slot[i] == other;
+            if (!after && ring.slot[HALF + i] != other) {
+                kept[count++] = corner[i];
+                if (side == 1)
+                    give(f, corner[i], left);
+            } else if (side == 1) {
+                third[died++] = after ? mni_corner_before(corner[i]) : mni_corner_after(corner[i]);
+            }
+        }
+    }
+    return died;
+}
+
+/* ---- vectors --------------------------------------------------------------------------------- */
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#define FAST __attribute__((target("avx2,bmi2")))
+
+typedef struct vectors {
+    __m256i after, before; /* of a ring */
+} vectors;
+
+FAST static inline __m256i at_fast(__m256i corner) {
+    return _mm256_sub_epi32(corner, _mm256_srli_epi32(corner, 2));
+}
+
+/* Three times the lowest bit. */
+FAST static inline __m256i thrice(__m256i v) {
+    __m256i bit = _mm256_and_si256(v, _mm256_set1_epi32(1));
+    return _mm256_add_epi32(bit, _mm256_slli_epi32(bit, 1));
+}
+
+FAST static inline __m256i after_fast(__m256i corner) {
+    __m256i next = _mm256_add_epi32(corner, _mm256_set1_epi32(1));
+    return _mm256_sub_epi32(next, thrice(_mm256_srli_epi32(corner, 1)));
+}
+
+FAST static inline __m256i before_fast(__m256i corner) {
+    __m256i next = _mm256_add_epi32(corner, _mm256_set1_epi32(2));
+    return _mm256_sub_epi32(next, thrice(_mm256_or_si256(corner, _mm256_srli_epi32(corner, 1))));
+}
+
+FAST static inline __m256i corners_fast(const mni_front *f, uint32_t slot) {
+    return _mm256_loadu_si256((const __m256i *)(const void *)f->node[slot].corner);
+}
+
+FAST static inline vectors look_fast(const mni_front *f, __m256i corner) {
+    const int *node = (const int *)f->simplex_node;
+    __m256i nobody = _mm256_set1_epi32((int)f->nobody);
+    __m256i after = _mm256_i32gather_epi32(node, at_fast(after_fast(corner)), 4);
+    __m256i before = _mm256_i32gather_epi32(node, at_fast(before_fast(corner)), 4);
+    return (vectors){_mm256_min_epu32(after, nobody), _mm256_min_epu32(before, nobody)};
+}
+
+FAST static inline void put_fast(mni_ring *ring, vectors v) {
+    _mm256_store_si256((__m256i *)(void *)ring->slot, v.after);
+    _mm256_store_si256((__m256i *)(void *)(ring->slot + HALF), v.before);
+}
+
+FAST static inline vectors get_fast(const mni_ring *ring) {
+    return (vectors){_mm256_load_si256((const __m256i *)(const void *)ring->slot),
+                     _mm256_load_si256((const __m256i *)(const void *)(ring->slot + HALF))};
+}
+
+/* The word of a node's record that lies so many bytes in. */
+FAST static inline __m256i field_fast(const mni_front *f, __m256i slot, size_t offset) {
+    const int *word = (const int *)(const void *)((const char *)f->node + offset);
+    return _mm256_i32gather_epi32(word, _mm256_slli_epi32(slot, 4), 4);
+}
+
+FAST static inline uint32_t bits_of(__m256i lanes) {
+    return (uint32_t)_mm256_movemask_ps(_mm256_castsi256_ps(lanes));
+}
+
+FAST static inline uint32_t equal_fast(__m256i a, __m256i b) {
+    return bits_of(_mm256_cmpeq_epi32(a, b));
+}
+
+/* The lanes of the mask, first ones first, then 0. */
+FAST static inline __m256i pack_fast(__m256i lanes, uint32_t mask) {
+    uint64_t bytes = _pdep_u64(mask, UINT64_C(0x0101010101010101)) * 255;
+    uint64_t from = _pext_u64(UINT64_C(0x0706050403020100), bytes);
+    uint64_t some = bytes == 0 ? 0 : UINT64_MAX >> (64 - 8 * (uint32_t)__builtin_popcount(mask));
+    __m256i packed = _mm256_permutevar8x32_epi32(
+        lanes, _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)from)));
+    return _mm256_and_si256(packed, _mm256_cvtepi8_epi32(_mm_cvtsi64_si128((long long)some)));
+}
+
+FAST static uint32_t split_fast(const mni_front *f, uint32_t slot, mni_ring *ring) {
+    vectors v = look_fast(f, corners_fast(f, slot));
+    __m256i own = _mm256_set1_epi32((int)f->node[slot].order);
+    __m256i after = field_fast(f, v.after, offsetof(mni_front_node, order));
+    __m256i before = field_fast(f, v.before, offsetof(mni_front_node, order));
+    put_fast(ring, v);
+    uint32_t lower = equal_fast(_mm256_min_epu32(after, own), after) |
+                     equal_fast(_mm256_min_epu32(before, own), before) << HALF;
+    return lower ^ 0xffff;
+}
+
+FAST static uint32_t collapse_fast(const mni_front *f, uint32_t slot, uint32_t order,
+                                   mni_ring *ring) {
+    vectors v = look_fast(f, corners_fast(f, slot));
+    __m256i own = _mm256_set1_epi32((int)order);
+    __m256i after = field_fast(f, v.after, offsetof(mni_front_node, above));
+    __m256i before = field_fast(f, v.before, offsetof(mni_front_node, above));
+    put_fast(ring, v);
+    uint32_t higher = equal_fast(_mm256_max_epu32(after, own), after) |
+                      equal_fast(_mm256_max_epu32(before, own), before) << HALF;
+    return higher ^ 0xffff;
+}
+
+/* lo ≤ leaf < hi, in numbers below 2^31. */
+FAST static inline uint32_t holds_fast(const mni_front *f, __m256i slot, __m256i leaf) {
+    __m256i lo = field_fast(f, slot, offsetof(mni_front_node, leaf_lo));
+    __m256i hi = field_fast(f, slot, offsetof(mni_front_node, leaf_hi));
+    return bits_of(_mm256_andnot_si256(_mm256_cmpgt_epi32(lo, leaf), _mm256_cmpgt_epi32(hi, leaf)));
+}
+
+FAST static uint32_t find_fast(const mni_front *f, const mni_ring *ring, uint32_t leaf) {
+    vectors v = get_fast(ring);
+    __m256i wanted = _mm256_set1_epi32((int)leaf);
+    uint32_t found = holds_fast(f, v.after, wanted);
+    if (found == 0) /* at an open edge */
+        found = holds_fast(f, v.before, wanted) << HALF;
+    return found == 0 ? MN_NONE : ring->slot[__builtin_ctz(found)];
+}
+
+FAST static void part_fast(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
+    const int *leaf = (const int *)f->simplex_leaf;
+    __m256i corner = corners_fast(f, slot);
+    __m256i leaves = _mm256_i32gather_epi32(leaf, at_fast(corner), 4);
+    uint32_t keeps = bits_of(_mm256_cmpgt_epi32(_mm256_set1_epi32((int)mid), leaves));
+    uint32_t there = 0xff ^ equal_fast(corner, _mm256_setzero_si256()), gives = there & ~keeps;
+    uint32_t *given = f->node[right].corner;
+    _mm256_storeu_si256((__m256i *)(void *)f->node[slot].corner, pack_fast(corner, keeps & there));
+    _mm256_storeu_si256((__m256i *)(void *)given, pack_fast(corner, gives));
+    for (uint32_t i = 0; i < (uint32_t)__builtin_popcount(gives); i++)
+        give(f, given[i], right);
+}
+
+FAST static uint32_t join_fast(mni_front *f, uint32_t left, uint32_t right, uint32_t *third,
+                               uint32_t kept[2 * HALF]) {
+    __m256i zero = _mm256_setzero_si256(), corner = corners_fast(f, left);
+    __m256i gone = _mm256_set1_epi32((int)right);
+    vectors v = look_fast(f, corner);
+    uint32_t empty = equal_fast(corner, zero);
+    uint32_t dies = equal_fast(v.after, gone) | equal_fast(v.before, gone);
+    uint32_t lives = 0xff & ~(dies | empty), count = (uint32_t)__builtin_popcount(lives);
+    _mm256_storeu_si256((__m256i *)(void *)kept, pack_fast(corner, lives));
+
+    corner = corners_fast(f, right);
+    gone = _mm256_set1_epi32((int)left);
+    v = look_fast(f, corner);
+    empty = equal_fast(corner, zero);
+    __m256i after = _mm256_cmpeq_epi32(v.after, gone);
+    dies = bits_of(_mm256_or_si256(after, _mm256_cmpeq_epi32(v.before, gone)));
+    lives = 0xff & ~(dies | empty);
+    _mm256_storeu_si256((__m256i *)(void *)(kept + count), pack_fast(corner, lives));
+    __m256i thirds = _mm256_blendv_epi8(after_fast(corner), before_fast(corner), after);
+    _mm256_storeu_si256((__m256i *)(void *)third, pack_fast(thirds, dies));
+    uint32_t both = count + (uint32_t)__builtin_popcount(lives);
+    for (uint32_t i = count; i < both; i++)
+        give(f, kept[i], left);
+    return (uint32_t)__builtin_popcount(dies);
+}
+#else
+#define split_fast(f, slot, ring) 0
+#define collapse_fast(f, slot, order, ring) 0
+#define find_fast(f, ring, leaf) 0
+#define part_fast(f, slot, right, mid) (void)0
+#define join_fast(f, left, right, third, kept) 0
+#endif
+
+/* ---- either ---------------------------------------------------------------------------------- */
+
+bool mni_ring_has_vectors(void) {
+#if defined(__x86_64__)
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2");
+#else
+    return false;
+#endif
+}
+
+uint32_t mni_ring_block_split(const mni_front *f, uint32_t slot, mni_ring *ring) {
+    if (f->vectors)
+        return split_fast(f, slot, ring);
+    look(f, f->node[slot].corner, ring);
+    return above_or_below(f, ring, true, f->node[slot].order);
+}
+
+uint32_t mni_ring_block_collapse(const mni_front *f, uint32_t slot, uint32_t order,
+                                 mni_ring *ring) {
+    if (f->vectors)
+        return collapse_fast(f, slot, order, ring);
+    look(f, f->node[slot].corner, ring);
+    return above_or_below(f, ring, false, order);
+}
+
+uint32_t mni_ring_find(const mni_front *f, const mni_ring *ring, uint32_t leaf) {
+    return f->vectors ? find_fast(f, ring, leaf) : find(f, ring, leaf);
+}
+
+void mni_ring_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
+    MN_ASSERT(f->node[slot].more == MN_NONE && f->node[right].corner[0] == 0);
+    if (f->vectors)
+        part_fast(f, slot, right, mid);
+    else
+        part(f, slot, right, mid);
+}
+
+uint32_t mni_ring_join(mni_front *f, uint32_t left, uint32_t right,
+                       uint32_t third[MNI_FRONT_CORNERS], uint32_t over[MNI_FRONT_CORNERS],
+                       uint32_t *over_count) {
+    uint32_t kept[2 * HALF] = {0}, count = 0;
+    MN_ASSERT(f->node[left].more == MN_NONE && f->node[right].more == MN_NONE);
+    uint32_t died =
+        f->vectors ? join_fast(f, left, right, third, kept) : join(f, left, right, third, kept);
+    memcpy(f->node[left].corner, kept, HALF * sizeof *kept);
+    memcpy(over, kept + HALF, HALF * sizeof *kept);
+    while (count < HALF && over[count] != 0)
+        count++;
+    *over_count = count;
+    return died;
+}
