@@ -9,7 +9,7 @@ static const char *const blocking_names[] = {"packed", "levels", NULL}; /* by mn
 static const char *const weld_names[] = {"on", "off", NULL};            /* by mn_weld */
 static const char *const reader_names[] = {"own", "openmesh", NULL};    /* by mn_reader */
 
-enum { RAM = 256, METRIC, WELD, READER, BLOCKING, BLOCK_BYTES, JSON };
+enum { RAM = 256, METRIC, WELD, READER, POSITION_BITS, BLOCKING, BLOCK_BYTES, JSON };
 
 static mn_code bad(const build_steps *b, const char *option, const char *wants) {
     return cli_error(MN_USAGE, "%s: %s '%s' is not %s", b->command, option, optarg, wants);
@@ -22,7 +22,7 @@ static mn_code choose(const build_steps *b, const char *option, const char *cons
 }
 
 static mn_code simplify_option(build_steps *b, int option) {
-    uint64_t threads;
+    uint64_t threads, bits;
     int choice = 0;
     mn_code code = MN_OK;
     switch (option) {
@@ -40,6 +40,11 @@ static mn_code simplify_option(build_steps *b, int option) {
         code = choose(b, "--reader", reader_names, "own or openmesh", &choice);
         b->read.reader = (mn_reader)choice;
         return code;
+    case POSITION_BITS:
+        if (!cli_u64(optarg, MN_POSITION_BITS_MIN, MN_POSITION_BITS_MAX, &bits))
+            return bad(b, "--position-bits", "in 8 … 23");
+        b->position_bits = (uint32_t)bits;
+        return MN_OK;
     default: /* -j: taken, and one thread does the work until simplification is parallel */
         return cli_u64(optarg, 1, 1024, &threads) ? MN_OK : bad(b, "-j", "in 1 … 1024");
     }
@@ -69,11 +74,13 @@ static mn_code block_option(build_steps *b, int option) {
 
 mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, const char *help,
                       bool *done) {
-    static const struct option simplifies[] = {{"ram", required_argument, NULL, RAM},
-                                               {"metric", required_argument, NULL, METRIC},
-                                               {"weld", required_argument, NULL, WELD},
-                                               {"reader", required_argument, NULL, READER},
-                                               {"jobs", required_argument, NULL, 'j'}};
+    static const struct option simplifies[] = {
+        {"ram", required_argument, NULL, RAM},
+        {"metric", required_argument, NULL, METRIC},
+        {"weld", required_argument, NULL, WELD},
+        {"reader", required_argument, NULL, READER},
+        {"position-bits", required_argument, NULL, POSITION_BITS},
+        {"jobs", required_argument, NULL, 'j'}};
     static const struct option blocks[] = {{"blocking", required_argument, NULL, BLOCKING},
                                            {"levels", required_argument, NULL, 'L'},
                                            {"block-bytes", required_argument, NULL, BLOCK_BYTES}};
@@ -81,7 +88,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
                                          {"json", no_argument, NULL, JSON},
                                          {"help", no_argument, NULL, 'h'},
                                          {0}};
-    struct option options[12];
+    struct option options[13];
     size_t n = 0;
     memset(b, 0, sizeof *b);
     b->command = argv[0];
@@ -151,7 +158,9 @@ mn_code build_simplify(build_steps *b) {
     if (code == MN_OK) {
         b->seconds_read = mesh.seconds_read;
         b->bytes_read = mesh.bytes_read;
-        code = mn_simplify(&mesh, &b->simplify, &b->tree, &b->st);
+        code = mn_mesh_quantise(&mesh, b->position_bits, &b->st);
+        if (code == MN_OK)
+            code = mn_simplify(&mesh, &b->simplify, &b->tree, &b->st);
         mn_mesh_free(&mesh);
     }
     cli_progress_end(&b->meter);
@@ -189,6 +198,7 @@ void build_json_tree(json *j, const mn_tree *t) {
     json_u64(j, "unused_vertices", in->unused_vertices);
     json_u64(j, "welded_vertices", in->welded_vertices);
     json_u64(j, "merged_positions", in->merged_positions);
+    json_f64(j, "grid_step", (double)t->grid_step);
     json_u64(j, "nonmanifold_edges", c->nonmanifold_edges);
     json_u64(j, "boundary_edges", c->boundary_edges);
     json_u64(j, "components", c->components);
@@ -252,6 +262,9 @@ static void report_text(const build_steps *b) {
         printf("  rejected %llu faces: %llu duplicate, %llu degenerate, %llu not finite\n",
                (unsigned long long)rejected, (unsigned long long)in->duplicate_faces,
                (unsigned long long)in->degenerate_faces, (unsigned long long)in->nonfinite_faces);
+    if (in->merged_positions > 0)
+        printf("  %llu positions fall together with others\n",
+               (unsigned long long)in->merged_positions);
     if (t->counts.seconds_simplify > 0)
         printf("  %u collapses in %.2f s (%.0f/s)\n", t->inner, t->counts.seconds_simplify,
                t->inner / t->counts.seconds_simplify);

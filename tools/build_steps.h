@@ -11,6 +11,7 @@ typedef struct build_steps {
     const char *command, *in, *out;
     uint64_t ram_bytes; /* 0: cli_default_ram_bytes */
     mn_read_desc read;
+    uint32_t position_bits; /* 0: default */
     mn_simplify_desc simplify;
     mn_block_desc block;
     bool json;

@@ -11,6 +11,7 @@ static const char help[] =
     "  --blocking packed|levels   blocks of fixed bytes, filled (default), or of L levels\n"
     "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 8K\n"
     "  -L N                  levels: 1 … 16, default 5\n"
+    "  --position-bits N     the longest side has at most 2^N steps: 8 … 23, default 16\n"
     "  --weld on|off         vertices at equal positions become one (default), or not\n"
     "  --reader own|openmesh\n"
     "  -j N                  threads; simplification uses one so far\n"

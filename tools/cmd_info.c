@@ -52,6 +52,7 @@ static void header_json(const mn_header *h) {
     json_str(&j, "blocking", build_blocking_name(h->blocking));
     json_bool(&j, "colors", h->has_colors);
     json_vector(&j, "origin", h->origin);
+    json_f64(&j, "grid_step", (double)h->grid_step);
     json_floats(&j, "box_min", h->box_min);
     json_floats(&j, "box_max", h->box_max);
     json_floats(&j, "dive_point", h->dive_point);
@@ -75,6 +76,8 @@ static void header_text(const char *file, const mn_header *h) {
     printf("  box (%g %g %g) to (%g %g %g) about (%.9g %.9g %.9g)\n", h->box_min[0], h->box_min[1],
            h->box_min[2], h->box_max[0], h->box_max[1], h->box_max[2], h->origin[0], h->origin[1],
            h->origin[2]);
+    printf("  grid of %g: no point further off than %g\n", (double)h->grid_step,
+           (double)mn_grid_error(h->grid_step));
     printf("  %llu bytes, %.1f a vertex\n", (unsigned long long)h->file_bytes,
            (double)h->file_bytes / h->leaves);
 }

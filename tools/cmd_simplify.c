@@ -8,6 +8,7 @@ static const char help[] =
     "  -o FILE               the .vdt; what stood there stays until the new one is whole\n"
     "  --ram SIZE            cap for the whole process; default: half of the memory\n"
     "  --metric qem|length   what a collapse costs: quadric error (default) or edge length\n"
+    "  --position-bits N     the longest side has at most 2^N steps: 8 … 23, default 16\n"
     "  --weld on|off         vertices at equal positions become one (default), or not\n"
     "  --reader own|openmesh\n"
     "  -j N                  threads; simplification uses one so far\n"

@@ -14,7 +14,8 @@ static const char help[] =
     "that the header counts what is there. Exit 3 and one line for the first thing that is "
     "wrong.\n\n"
     "  --against IN    full detail must be this mesh, triangle for triangle, each with its\n"
-    "                  orientation; each hinge must be one of its edges\n"
+    "                  orientation, vertices within half a step of the file's grid; each hinge\n"
+    "                  must be one of its edges\n"
     "  --weld on|off   as the file was built; without it, the one that gives as many vertices\n"
     "  --reader own|openmesh\n"
     "  --json          figures as one JSON object\n";
@@ -57,6 +58,9 @@ static void report(const char *file, const char *against, const mn_verify_result
         printf("%llu nodes, %llu triangles, %llu hinges%s\n", (unsigned long long)r->nodes,
                (unsigned long long)r->triangles, (unsigned long long)r->hinges,
                against != NULL ? "; full detail is the input" : "");
+        if (r->merged_positions > 0)
+            printf("  %llu of its positions fall together on the grid\n",
+                   (unsigned long long)r->merged_positions);
         return;
     }
     json j;
@@ -66,8 +70,10 @@ static void report(const char *file, const char *against, const mn_verify_result
     json_u64(&j, "simplices", r->simplices);
     json_u64(&j, "triangles", r->triangles);
     json_u64(&j, "hinges", r->hinges);
-    if (against != NULL)
+    if (against != NULL) {
         json_u64(&j, "matched_triangles", r->matched_triangles);
+        json_u64(&j, "merged_positions", r->merged_positions);
+    }
     json_end(&j);
 }
 

@@ -33,6 +33,7 @@ typedef struct mn_mesh {
     uint32_t *color;  /* vertices × RGBA8 (R in the low byte), or NULL */
     uint32_t *corner; /* 3 × triangles */
     double origin[3];
+    float grid_step; /* positions are multiples of it; 0: of nothing known */
     mn_intake intake;
     double seconds_read;
     uint64_t bytes_read;
@@ -71,6 +72,16 @@ mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, m
 mn_code mn_mesh_write_ply(const char *path, const mn_mesh *mesh, mn_status *st);
 void mn_mesh_free(mn_mesh *mesh);
 
+enum { MN_POSITION_BITS = 16, MN_POSITION_BITS_MIN = 8, MN_POSITION_BITS_MAX = 23 };
+/* Moves every vertex to the nearest point of one grid: multiples, about the origin, of the least
+ * power of two that cuts the longest side of the bounding box into at most 2^bits steps; bits 0:
+ * MN_POSITION_BITS. No coordinate moves by more than half a step. Distinct positions that fall
+ * together are added to intake.merged_positions; vertices stay apart, so triangles stay. Before
+ * mn_simplify; a tree on no grid cannot be blocked. Takes 8 bytes a vertex and gives them back. */
+mn_code mn_mesh_quantise(mn_mesh *mesh, uint32_t bits, mn_status *st);
+/* Half the diagonal of a cell: no point of the surface is further off for being on the grid. */
+float mn_grid_error(float grid_step);
+
 /* ---- the view-dependence tree ------------------------------------------------------------- */
 
 typedef struct mn_build_counts { /* for build --json */
@@ -94,6 +105,7 @@ typedef struct mn_tree {
     uint32_t depth_max;
     mn_metric metric;
     double origin[3];
+    float grid_step;                        /* positions are multiples of it; 0: of nothing known */
     float *leaf_position;                   /* 3 × leaves */
     uint32_t *leaf_color;                   /* leaves, or NULL */
     uint32_t *left, *right;                 /* inner: order ids of the children */
@@ -156,11 +168,12 @@ mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_des
 typedef struct mn_verify_result {
     uint64_t blocks, nodes, simplices, triangles, hinges;
     uint64_t matched_triangles; /* with against: those found in the input, cyclic order kept */
+    uint64_t merged_positions;  /* with against: its positions that fall together on the grid */
 } mn_verify_result;
 
 /* Reads the whole .mnt (or .vdt): header, every block once, structure across blocks, and with
- * `against` (may be NULL) that full detail is that mesh, triangle for triangle, and each hinge an
- * edge of it. MN_BAD_INPUT names the first thing that is wrong. */
+ * `against` (may be NULL) that full detail is that mesh on the file's grid, triangle for triangle,
+ * and each hinge an edge of it. MN_BAD_INPUT names the first thing that is wrong. */
 mn_code mn_verify(const char *path, const mn_mesh *against, const mn_watch *watch,
                   mn_verify_result *out, mn_status *st);
 

@@ -25,15 +25,16 @@ typedef enum mn_blocking { MN_BLOCKING_PACKED = 0, MN_BLOCKING_LEVELS = 1 } mn_b
 
 /* Normals of the input triangles incident to a node's leaves, all within `angle` of the axis.
  * Quantised conservatively, so that a parent's decoded cone encloses its children's decoded cones.
- * axis: octahedral, two int16 scaled by 32767. angle: [0, 65535] is [0, π], rounded up; 65535 also
- * says "no bound" (zero-area triangles, or more than a half turn). */
+ * axis: octahedral, two int8 scaled by 127. angle: [0, 254] × a right angle / 255, rounded up; 255
+ * says "no bound" (zero-area triangles, or a right angle and more: of no use to anybody). */
+enum { MN_CONE_AXIS = 127, MN_CONE_NO_BOUND = 255 };
 typedef struct mn_cone {
-    int16_t axis[2];
-    uint16_t angle;
+    int8_t axis[2];
+    uint8_t angle;
 } mn_cone;
 mn_cone mn_cone_make(const float axis[3], float half_angle_rad); /* rounds outwards */
 void mn_cone_axis(mn_cone cone, float axis[3]);                  /* a unit vector */
-float mn_cone_half_angle(mn_cone cone);                          /* [0, π] */
+float mn_cone_half_angle(mn_cone cone);                          /* [0, π/2), or π */
 /* The smallest cone this representation allows that encloses both (decoded) cones. */
 mn_cone mn_cone_merge(mn_cone a, mn_cone b);
 
@@ -43,10 +44,13 @@ typedef struct mn_block_ref {
     uint32_t pages;
 } mn_block_ref;
 
-/* A root of the forest: the subtree'th subtree of a block. */
+/* A root of the forest: the subtree'th subtree of a block, and what other nodes' parents say of
+ * them. */
 typedef struct mn_root {
     mn_block_ref block;
     uint32_t subtree;
+    uint32_t color; /* RGBA8; 0xffffffff in a model without colours */
+    float position[3];
 } mn_root;
 
 /* What the header of a .mnt says, and, where it makes sense, that of a .vdt. */
@@ -61,6 +65,7 @@ typedef struct mn_header {
     uint32_t legal_last; /* last order id of stage 1; leaves - 1 when stage 1 collapsed nothing */
     bool has_colors;
     double origin[3];                    /* positions in the file are floats relative to it */
+    float grid_step;                     /* and multiples of this power of two */
     float box_min[3], box_max[3];        /* of the used vertices, relative to origin */
     float dive_point[3], dive_normal[3]; /* highest vertex along +y, and the normal there */
     mn_metric metric;

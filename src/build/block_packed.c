@@ -29,9 +29,9 @@
 
 enum {
     RUN_LEAST = 16,        /* subtrees in a run, where that many can be had */
-    SUBTREE_BYTES = 30,    /* of a subtree's root besides its node */
+    SUBTREE_BYTES = 4,     /* of a subtree's root besides its node */
     TRIES_MAX = 24,        /* nodes that did not fit before a block counts as full */
-    START_NODE_BYTES = 40, /* a node with its simplices, before any block has been measured */
+    START_NODE_BYTES = 20, /* a node with its simplices, before any block has been measured */
 };
 /* References kept room for, as a share of exits; the last always suffices. */
 static const double ref_share[] = {0.06, 0.25, 0.6, 1};
@@ -55,7 +55,7 @@ typedef struct cut {
 typedef struct packer {
     mni_plan *plan;
     mn_status *st;
-    uint32_t limit;     /* bytes that columns may end at */
+    uint32_t limit;     /* bytes that rows may end at */
     double node_bytes;  /* of a node in the block above */
     double whole_bytes; /* of a node in a block that ends all its subtrees: a running mean */
     mni_tally tally;    /* of the block being filled */
@@ -219,7 +219,7 @@ static mn_code fill(packer *p, uint32_t block, double share) {
     mni_plan *plan = p->plan;
     const mni_planned *b = &plan->block[block];
     p->waiting = p->overflows = 0;
-    mni_tally_init(&p->tally, p->plan->tree->leaf_color != NULL);
+    mni_tally_init(&p->tally, plan->tree->leaf_color != NULL, plan->tree->grid_step);
     for (uint32_t r = 0; r < b->root_count; r++) {
         const mni_plan_root *root = &plan->root[b->root_first + r];
         if (root->whole) {
@@ -331,7 +331,7 @@ static mn_code plan_cuts(packer *p) {
 static bool run_fits(packer *p, uint32_t first, uint32_t next, mni_tally *tally) {
     if (run_blocks(p, first, next) > 1.3)
         return false; /* not even nearly */
-    mni_tally_init(tally, p->plan->tree->leaf_color != NULL);
+    mni_tally_init(tally, p->plan->tree->leaf_color != NULL, p->plan->tree->grid_step);
     for (uint32_t e = first; e < next; e++)
         if (!tally_add_whole(p, tally, &p->exit[e]))
             return false;
@@ -367,7 +367,7 @@ static void whole_learn(packer *p, const mni_tally *tally) {
 /* Do the roots of a run's subtrees fit one block? A single one does: what it lacks overflows. */
 static bool tops_fit(packer *p, uint32_t first, uint32_t next) {
     mni_tally tally;
-    mni_tally_init(&tally, p->plan->tree->leaf_color != NULL);
+    mni_tally_init(&tally, p->plan->tree->leaf_color != NULL, p->plan->tree->grid_step);
     for (uint32_t e = first; e < next; e++) {
         mni_subtree record;
         mni_plan_subtree(p->plan, &p->exit[e], &record);

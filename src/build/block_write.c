@@ -78,6 +78,12 @@ static mn_code place_blocks(writer *w, mn_status *st) {
 
 /* ---- the header ----------------------------------------------------------------------------- */
 
+static void fill_root(const mn_tree *tree, uint32_t k, mn_block_ref block, uint32_t subtree,
+                      mn_root *out) {
+    *out = (mn_root){.block = block, .subtree = subtree};
+    mni_plan_leaf(tree, tree->leaf_lo[tree->root[k] - tree->leaves], out->position, &out->color);
+}
+
 static void fill_header(writer *w) {
     const mn_tree *tree = w->tree;
     const mni_plan *plan = &w->plan;
@@ -91,6 +97,7 @@ static void fill_header(writer *w) {
     h->legal_last = tree->legal_last;
     h->has_colors = tree->leaf_color != NULL;
     memcpy(h->origin, tree->origin, sizeof h->origin);
+    h->grid_step = tree->grid_step;
     h->metric = tree->metric;
     h->blocking = plan->desc->blocking;
     h->l = h->blocking == MN_BLOCKING_LEVELS ? plan->desc->l : 0;
@@ -112,7 +119,7 @@ static void fill_header(writer *w) {
         for (uint32_t r = 0; b->parent == MN_NONE && r < b->root_count; r++)
             for (uint32_t k = 0; k < tree->roots; k++)
                 if (tree->root[k] - tree->leaves == plan->root[b->root_first + r].node)
-                    h->root[k] = (mn_root){b->place, r};
+                    fill_root(tree, k, b->place, r, &h->root[k]);
     }
     h->fill_mean = payload / plan->blocks / h->block_bytes_max;
     mni_tree_shape(tree, h);
@@ -182,10 +189,7 @@ static mn_code encode_overflow(writer *w, const mni_planned *b, mn_status *st) {
         return mn_fail(st, MN_FAILED, "no memory for %u simplices", b->simplices);
     for (uint32_t i = 0; i < b->simplices; i++)
         mni_plan_simplex(w->tree, b->node, b->simplex_first + i, corner + 3 * (size_t)i);
-    mni_overflow head = {.order = w->tree->leaves + b->node,
-                         .leaf_lo = w->tree->leaf_lo[b->node],
-                         .leaf_mid = w->tree->leaf_mid[b->node],
-                         .leaf_hi = w->tree->leaf_hi[b->node]};
+    const mni_overflow head = mni_plan_overflow_head(w->tree, b->node);
     uint32_t end = mni_overflow_encode(w->bytes, b->place.pages * MN_PAGE_BYTES, b->child_count,
                                        &head, corner, b->simplices);
     free(corner);
@@ -213,7 +217,7 @@ static mn_code write_block(writer *w, uint32_t index, mn_status *st) {
     mni_frame_seal(w->bytes, &frame, b->place, w->header->build_id);
 
     const mn_header *h = w->header;
-    mni_block_limits limits = {h->leaves, h->nodes, h->file_bytes, h->has_colors};
+    const mni_block_limits limits = mni_block_limits_of(h);
     char why[160] = "its frame is wrong";
     mni_block view;
     mni_overflow overflow;
@@ -261,6 +265,8 @@ static mn_code check_desc(const mn_tree *tree, mn_block_desc *desc, mn_status *s
     if (desc->block_bytes % MN_PAGE_BYTES != 0 || desc->block_bytes > MNI_BLOCK_BYTES_MAX)
         return mn_fail(st, MN_USAGE, "blocks of %u bytes: a multiple of 4096 up to 1M is needed",
                        desc->block_bytes);
+    if (tree->grid_step == 0)
+        return mn_fail(st, MN_USAGE, "positions are on no grid: simplify them on one");
     if (tree->roots > MN_ROOTS_MAX)
         return mn_fail(st, MN_USAGE, "the tree has %u roots, a .mnt holds %d: simplify to the end",
                        tree->roots, MN_ROOTS_MAX);

@@ -192,6 +192,7 @@ static void *room(size_t count, size_t size) {
 static mn_code make_mesh(const mn_tree *t, const uint32_t *owner, uint32_t *number, mn_mesh *out,
                          uint32_t **active, mn_status *st) {
     count_mesh(t, owner, number, out);
+    out->grid_step = t->grid_step;
     memcpy(out->origin, t->origin, sizeof out->origin);
     out->intake.input_faces = out->triangles;
     out->position = room(3 * (size_t)out->vertices, sizeof *out->position);
@@ -241,7 +242,8 @@ mn_code mn_tree_extract(const mn_tree *t, const mn_extract_desc *desc, mn_mesh *
     if (split == NULL || of_leaf == NULL || number == NULL) {
         code = mn_fail(st, MN_FAILED, "no memory for a front of %u vertices", t->leaves);
     } else if (desc->what == MN_EXTRACT_ERROR) {
-        code = settle(t, desc->error, split, st);
+        /* the grid has its share; less than that no front has */
+        code = settle(t, fmaxf(desc->error - mn_grid_error(t->grid_step), 0), split, st);
     } else {
         uint32_t made = desc->what == MN_EXTRACT_FULL ? 0 : mni_tree_prefix(t, desc->triangles);
         memset(split + made, 1, t->inner - made);

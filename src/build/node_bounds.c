@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#include "block.h"
+
 /* acosf near 1 turns a last bit of the dot product into this much. */
 #define NORMAL_ERROR_RAD 1e-3f
 
@@ -42,6 +44,6 @@ mni_node_bounds mni_leaf_bounds(const mni_surface *s, const float *normal, uint3
 mni_node_bounds mni_parent_bounds(const float left_p[3], mni_node_bounds left,
                                   const float right_p[3], mni_node_bounds right) {
     float reach = nextafterf(distance(left_p, right_p) + right.radius, INFINITY);
-    return (mni_node_bounds){left.radius > reach ? left.radius : reach,
+    return (mni_node_bounds){mni_radius_up(left.radius > reach ? left.radius : reach),
                              mn_cone_merge(left.cone, right.cone)};
 }

@@ -11,7 +11,7 @@
 #include "assert.h"
 #include "header.h"
 
-enum { SIMPLEX_BYTES_MAX = 12 }; /* three columns of full width */
+enum { SIMPLEX_BYTES_MAX = 13 }; /* three numbers of 32 bits, and one of 1 */
 
 mn_code mni_plan_open(mni_plan *plan, const mn_tree *tree, const mn_block_desc *desc,
                       mn_status *st) {
@@ -135,6 +135,13 @@ static mn_code add_overflow(mni_plan *plan, uint32_t parent, uint32_t node, uint
     return MN_OK;
 }
 
+mni_overflow mni_plan_overflow_head(const mn_tree *tree, uint32_t node) {
+    return (mni_overflow){.order = tree->leaves + node,
+                          .leaf_lo = tree->leaf_lo[node],
+                          .leaf_mid = tree->leaf_mid[node],
+                          .leaf_hi = tree->leaf_hi[node]};
+}
+
 /* Cuts a new overflow block to its length, and makes the blocks that take the rest. */
 static mn_code cut_overflow(mni_plan *plan, uint32_t at, mn_status *st) {
     const mn_tree *tree = plan->tree;
@@ -146,9 +153,11 @@ static mn_code cut_overflow(mni_plan *plan, uint32_t at, mn_status *st) {
             return mn_fail(st, MN_FAILED, "no memory for %u simplices", b.simplices);
         for (uint32_t i = 0; i < b.simplices; i++)
             mni_plan_simplex(tree, b.node, b.simplex_first + i, corner + 3 * (size_t)i);
-        uint32_t fit = mni_overflow_fit(corner, b.simplices, plan->overflow_bytes);
+        const mni_overflow head = mni_plan_overflow_head(tree, b.node);
+        uint32_t fit = mni_overflow_fit(&head, corner, b.simplices, plan->overflow_bytes);
         plan->block[at].simplices = fit;
-        plan->block[at].payload_bytes = mni_overflow_bytes(corner, fit, fit < b.simplices ? 1 : 0);
+        plan->block[at].payload_bytes =
+            mni_overflow_bytes(&head, corner, fit, fit < b.simplices ? 1 : 0);
         free(corner);
         if (fit == b.simplices)
             break;
@@ -202,7 +211,7 @@ static mni_child child_of(const mni_plan *plan, uint32_t node, uint32_t side) {
     return out;
 }
 
-static void leaf_record(const mn_tree *tree, uint32_t leaf, float position[3], uint32_t *color) {
+void mni_plan_leaf(const mn_tree *tree, uint32_t leaf, float position[3], uint32_t *color) {
     memcpy(position, tree->leaf_position + 3 * (size_t)leaf, 3 * sizeof *position);
     *color = tree->leaf_color != NULL ? tree->leaf_color[leaf] : UINT32_MAX;
 }
@@ -210,13 +219,16 @@ static void leaf_record(const mn_tree *tree, uint32_t leaf, float position[3], u
 void mni_plan_node(const mni_plan *plan, uint32_t node, mni_node *out) {
     const mn_tree *tree = plan->tree;
     uint32_t all = tree->simplex_start[node + 1] - tree->simplex_start[node];
-    *out = (mni_node){.facts = facts_of(tree, node),
+    *out = (mni_node){.at = {tree->leaf_lo[node], tree->leaf_hi[node], {0}},
+                      .facts = facts_of(tree, node),
                       .leaf_mid = tree->leaf_mid[node],
                       .left = child_of(plan, node, 0),
                       .right = child_of(plan, node, 1),
                       .simplex_count = mni_plan_simplices(plan, node),
                       .overflow_ref = all > plan->simplices_max ? 0 : MN_NONE};
-    leaf_record(tree, out->leaf_mid, out->right_position, &out->right_color);
+    uint32_t color; /* its parent's business */
+    mni_plan_leaf(tree, out->at.leaf_lo, out->at.position, &color);
+    mni_plan_leaf(tree, out->leaf_mid, out->right_position, &out->right_color);
 }
 
 void mni_plan_subtree(const mni_plan *plan, const mni_plan_root *root, mni_subtree *out) {
@@ -224,12 +236,11 @@ void mni_plan_subtree(const mni_plan *plan, const mni_plan_root *root, mni_subtr
     *out = (mni_subtree){.node = plan->index[root->node],
                          .leaf_lo = tree->leaf_lo[root->node],
                          .leaf_hi = tree->leaf_hi[root->node]};
-    leaf_record(tree, out->leaf_lo, out->position, &out->color);
 }
 
 void mni_plan_tally(mni_plan *plan, uint32_t block, mni_tally *tally) {
     const mni_planned *b = &plan->block[block];
-    mni_tally_init(tally, plan->tree->leaf_color != NULL);
+    mni_tally_init(tally, plan->tree->leaf_color != NULL, plan->tree->grid_step);
     for (uint32_t r = 0; r < b->root_count; r++) {
         mni_subtree subtree;
         mni_plan_subtree(plan, &plan->root[b->root_first + r], &subtree);

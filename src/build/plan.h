@@ -70,6 +70,8 @@ void mni_plan_tally(mni_plan *plan, uint32_t block, mni_tally *tally);
  * otherwise, their place in the child block not looked up. */
 void mni_plan_node(const mni_plan *plan, uint32_t node, mni_node *out);
 void mni_plan_subtree(const mni_plan *plan, const mni_plan_root *root, mni_subtree *out);
+void mni_plan_leaf(const mn_tree *tree, uint32_t leaf, float position[3], uint32_t *color);
+mni_overflow mni_plan_overflow_head(const mn_tree *tree, uint32_t node); /* order and interval */
 /* Simplex s of the tree, killed by node: turned so that the corner outside the node comes last. */
 void mni_plan_simplex(const mn_tree *tree, uint32_t node, uint32_t s, uint32_t corner[3]);
 uint32_t mni_plan_simplices(const mni_plan *plan, uint32_t node); /* in the node's own block */

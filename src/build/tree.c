@@ -153,6 +153,10 @@ static mn_code check_bounds(const mn_tree *t, uint32_t i, uint32_t child, uint32
             return mn_fail(st, MN_BAD_INPUT, "node %u: its cone does not hold that of child %u",
                            t->leaves + i, child);
     }
+    if (mni_switch_up(t->switch_value[i]) != t->switch_value[i] ||
+        mni_radius_up(t->radius[i]) != t->radius[i])
+        return mn_fail(st, MN_BAD_INPUT, "node %u: switch value %g or radius %g is too exact",
+                       t->leaves + i, t->switch_value[i], t->radius[i]);
     if (!isfinite(t->switch_value[i]) || signbit(t->switch_value[i]) || t->switch_value[i] < value)
         return mn_fail(st, MN_BAD_INPUT, "node %u: switch value %g below its child's %g",
                        t->leaves + i, t->switch_value[i], value);
@@ -200,19 +204,40 @@ static mn_code check_simplices(const mn_tree *t, uint32_t i, uint32_t *triangles
     return MN_OK;
 }
 
+static mn_code check_positions(const mn_tree *t, mn_status *st) {
+    float least[3] = {INFINITY, INFINITY, INFINITY}, most[3] = {-INFINITY, -INFINITY, -INFINITY};
+    double step = t->grid_step;
+    if (step != 0 && !mni_grid_ok(t->grid_step))
+        return mn_fail(st, MN_BAD_INPUT, "a grid of steps of %g cannot be", step);
+    for (size_t i = 0; i < 3 * (size_t)t->leaves; i++) {
+        float at = t->leaf_position[i];
+        if (!isfinite(at))
+            return mn_fail(st, MN_BAD_INPUT, "leaf %zu: position is not finite", i / 3);
+        if (step != 0 && rint(at / step) * step != at)
+            return mn_fail(st, MN_BAD_INPUT, "leaf %zu: %.9g is not on the grid of steps of %g",
+                           i / 3, at, step);
+        least[i % 3] = at < least[i % 3] ? at : least[i % 3];
+        most[i % 3] = at > most[i % 3] ? at : most[i % 3];
+    }
+    for (int i = 0; i < 3; i++)
+        if (((double)most[i] - least[i]) > MNI_GRID_STEPS_MAX * step && step != 0)
+            return mn_fail(st, MN_BAD_INPUT, "positions span more than %d steps of %g",
+                           MNI_GRID_STEPS_MAX, step);
+    return MN_OK;
+}
+
 mn_code mn_tree_check(const mn_tree *t, mn_status *st) {
     if (t->leaves == 0 || t->leaves > (1u << 31) || t->roots == 0 || t->roots > t->leaves ||
         t->inner != t->leaves - t->roots || t->triangles > t->simplices)
         return mn_fail(st, MN_BAD_INPUT, "a tree of %u leaves, %u inner nodes, %u roots cannot be",
                        t->leaves, t->inner, t->roots);
-    for (size_t i = 0; i < 3 * (size_t)t->leaves; i++)
-        if (!isfinite(t->leaf_position[i]))
-            return mn_fail(st, MN_BAD_INPUT, "leaf %zu: position is not finite", i / 3);
+    mn_code code = check_positions(t, st);
+    if (code != MN_OK)
+        return code;
     if (t->legal_last < t->leaves - 1 || t->legal_last >= t->leaves + t->inner)
         return mn_fail(st, MN_BAD_INPUT, "legal_last %u outside [%u, %u)", t->legal_last,
                        t->leaves - 1, t->leaves + t->inner);
     uint32_t triangles = 0, next_leaf = 0;
-    mn_code code = MN_OK;
     for (uint32_t i = 0; i < t->inner && code == MN_OK; i++) {
         code = check_node(t, i, st);
         if (code == MN_OK)
@@ -306,6 +331,7 @@ uint64_t mni_tree_build_id(const mn_tree *t, const mn_block_desc *desc) {
                                       : desc->l};
     XXH3_64bits_update(&state, head, sizeof head);
     XXH3_64bits_update(&state, t->origin, sizeof t->origin);
+    XXH3_64bits_update(&state, &t->grid_step, sizeof t->grid_step);
     XXH3_64bits_update(&state, t->leaf_position, 3 * sizeof(float) * t->leaves);
     if (t->leaf_color != NULL)
         XXH3_64bits_update(&state, t->leaf_color, sizeof(uint32_t) * t->leaves);

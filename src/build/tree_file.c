@@ -12,7 +12,7 @@
 #include "file.h"
 #include "tree.h"
 
-enum { VDT_VERSION = 1, SECTIONS = 9, FLAG_COLORS = 1 };
+enum { VDT_VERSION = 2, SECTIONS = 9, FLAG_COLORS = 1 };
 static const char magic[8] = {'M', 'N', 'V', 'D', 'T', 0, '\r', '\n'};
 static const char *const section_name[SECTIONS] = {"leaf_position", "leaf_color",    "left",
                                                    "right",         "switch_value",  "radius",
@@ -25,7 +25,8 @@ typedef struct vdt_header {
     uint64_t build_id, file_bytes;
     uint32_t leaves, inner, simplices, triangles;
     uint32_t roots, legal_last, depth_max, metric;
-    uint32_t flags, zero;
+    uint32_t flags;
+    float grid_step;
     double origin[3];
     uint64_t intake[8], counts[9];
     struct {
@@ -33,7 +34,7 @@ typedef struct vdt_header {
     } section[SECTIONS];
 } vdt_header;
 _Static_assert(sizeof(vdt_header) == 456, "no padding");
-_Static_assert(sizeof(mn_cone) == 6, "a cone is 48 bits");
+_Static_assert(sizeof(mn_cone) == 3, "a cone is 24 bits");
 
 typedef struct section {
     void *data;
@@ -90,6 +91,7 @@ static void fill_header(const mn_tree *t, const section s[SECTIONS], vdt_header 
     h->depth_max = t->depth_max;
     h->metric = t->metric;
     h->flags = t->leaf_color != NULL ? FLAG_COLORS : 0;
+    h->grid_step = t->grid_step;
     memcpy(h->origin, t->origin, sizeof h->origin);
     uint64_t intake[8] = {in->input_faces,     in->duplicate_faces,   in->degenerate_faces,
                           in->nonfinite_faces, in->misoriented_faces, in->unused_vertices,
@@ -151,7 +153,7 @@ static mn_code check_header(const vdt_header *h, uint64_t size_bytes, const char
     FIELD(h->simplices < UINT32_MAX, "simplices");
     FIELD(h->triangles <= h->simplices, "triangles");
     FIELD(h->metric == MN_METRIC_QEM || h->metric == MN_METRIC_LENGTH, "metric");
-    FIELD(h->flags <= FLAG_COLORS && h->zero == 0, "flags");
+    FIELD(h->flags <= FLAG_COLORS, "flags");
     mn_tree counts = {.leaves = h->leaves, .inner = h->inner, .simplices = h->simplices};
     uint32_t color; /* present or not is all that counts */
     counts.leaf_color = h->flags & FLAG_COLORS ? &color : NULL;
@@ -196,6 +198,7 @@ static void take_counts(const vdt_header *h, mn_tree *t) {
     t->triangles = h->triangles;
     t->legal_last = h->legal_last;
     t->metric = (mn_metric)h->metric;
+    t->grid_step = h->grid_step;
     memcpy(t->origin, h->origin, sizeof t->origin);
     const uint64_t *in = h->intake, *c = h->counts;
     t->intake = (mn_intake){in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7]};

@@ -180,14 +180,16 @@ static mn_code load_node(loader *l, const mni_block *view, uint32_t id, uint32_t
                          unsigned char *ref_used) {
     mn_tree *t = l->tree;
     mni_node record;
-    mni_block_node(view, node, &record);
+    mni_place at = {l->lo[node], l->hi[node], {0}};
+    memcpy(at.position, t->leaf_position + 3 * (size_t)at.leaf_lo, sizeof at.position);
+    mni_block_node(view, node, &at, &record);
     uint32_t i = record.facts.order - t->leaves; /* in range: mni_block_open has seen it */
     if (l->loaded[i])
         return BAD(l, id, "node %u stands in the file twice", record.facts.order);
     l->loaded[i] = 1;
-    t->leaf_lo[i] = l->lo[node];
+    t->leaf_lo[i] = at.leaf_lo;
     t->leaf_mid[i] = record.leaf_mid;
-    t->leaf_hi[i] = l->hi[node];
+    t->leaf_hi[i] = at.leaf_hi;
     t->switch_value[i] = record.facts.switch_value;
     t->radius[i] = record.facts.radius;
     t->cone[i] = record.facts.cone;
@@ -195,15 +197,15 @@ static mn_code load_node(loader *l, const mni_block *view, uint32_t id, uint32_t
            sizeof record.right_position);
     if (t->leaf_color != NULL)
         t->leaf_color[record.leaf_mid] = record.right_color;
-    t->left[i] = child_order(l, &record.left, l->lo[node], record.leaf_mid);
-    t->right[i] = child_order(l, &record.right, record.leaf_mid, l->hi[node]);
+    t->left[i] = child_order(l, &record.left, at.leaf_lo, record.leaf_mid);
+    t->right[i] = child_order(l, &record.right, record.leaf_mid, at.leaf_hi);
     mn_code code = add_exit(l, &record.left, i, 0);
     if (code == MN_OK)
         code = add_exit(l, &record.right, i, 1);
     l->first[i] = l->simplices;
     for (uint32_t s = 0; s < record.simplex_count && code == MN_OK; s++) {
         uint32_t corner[3];
-        mni_block_simplex(view, record.simplex_first + s, corner);
+        mni_block_simplex(view, &record, s, corner);
         code = add_simplex(l, id, corner);
     }
     if (code == MN_OK && record.overflow_ref != MN_NONE) {
@@ -232,9 +234,7 @@ static bool subtree_agrees(const loader *l, const mni_subtree *s, const mni_fact
         return true;
     uint32_t lo = e->side == 0 ? t->leaf_lo[e->parent] : t->leaf_mid[e->parent];
     uint32_t hi = e->side == 0 ? t->leaf_mid[e->parent] : t->leaf_hi[e->parent];
-    return s->leaf_lo == lo && s->leaf_hi == hi && mni_facts_equal(facts, &e->facts) &&
-           memcmp(s->position, t->leaf_position + 3 * (size_t)lo, sizeof s->position) == 0 &&
-           (t->leaf_color == NULL || s->color == t->leaf_color[lo]);
+    return s->leaf_lo == lo && s->leaf_hi == hi && mni_facts_equal(facts, &e->facts);
 }
 
 static mn_code join_subtrees(loader *l, const mni_block *view, const task *from) {
@@ -245,18 +245,19 @@ static mn_code join_subtrees(loader *l, const mni_block *view, const task *from)
     for (uint32_t i = 0; i < from->exits; i++) {
         const exit_record *e = &l->exit[from->exit_first + i];
         mni_subtree s;
-        mni_node record;
+        mni_facts facts;
         mni_block_subtree(view, i, &s);
-        mni_block_node(view, s.node, &record);
-        if (e->subtree != i || !subtree_agrees(l, &s, &record.facts, e))
+        mni_block_facts(view, s.node, &facts);
+        if (e->subtree != i || !subtree_agrees(l, &s, &facts, e))
             return BAD(l, from->place.id, "subtree %u is not what its parent says", i);
         l->lo[s.node] = s.leaf_lo;
         l->hi[s.node] = s.leaf_hi;
         if (e->parent == MN_NONE) {
-            memcpy(t->leaf_position + 3 * (size_t)s.leaf_lo, s.position, sizeof s.position);
+            const mn_root *root = &l->header.root[e->side];
+            memcpy(t->leaf_position + 3 * (size_t)s.leaf_lo, root->position, sizeof root->position);
             if (t->leaf_color != NULL)
-                t->leaf_color[s.leaf_lo] = s.color;
-            l->root_order[e->side] = record.facts.order;
+                t->leaf_color[s.leaf_lo] = root->color;
+            l->root_order[e->side] = facts.order;
         }
     }
     return MN_OK;
@@ -439,7 +440,8 @@ mn_code mni_mnt_load(const char *path, const mn_watch *watch, mn_tree *out, mn_h
         out->legal_last = h->legal_last;
         out->metric = h->metric;
         memcpy(out->origin, h->origin, sizeof out->origin);
-        l.limits = (mni_block_limits){h->leaves, h->nodes, h->file_bytes, h->has_colors};
+        out->grid_step = h->grid_step;
+        l.limits = mni_block_limits_of(h);
         code = push_roots(&l);
     }
     while (code == MN_OK && l.tasks > 0) {

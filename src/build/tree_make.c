@@ -1,13 +1,15 @@
 /* From collapses in input vertices to an mn_tree: leaves renumbered depth-first, intervals, spheres
  * and cones bottom-up, simplices sorted by kill node.
  *
- * Hidden here: the order of the leaves, and what encloses what. The steps follow each other in
- * mni_tree_make, each once. One thread; memory: the tree, and 16 bytes a vertex for a while. */
+ * Hidden here: the order of the leaves, and what encloses what, rounded up to what files hold. The
+ * steps follow each other in mni_tree_make, each once. One thread; memory: the tree, and 16 bytes a
+ * vertex for a while. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "assert.h"
+#include "block.h"
 #include "simplify.h"
 
 typedef struct maker {
@@ -71,8 +73,9 @@ static void place_leaves(maker *m) {
         if (t->root[r] < t->leaves)
             t->root[r] = m->leaf_of[t->root[r]];
     for (uint32_t leaf = 0; leaf < t->leaves; leaf++) {
-        memcpy(&t->leaf_position[3 * (size_t)leaf], &mesh->position[3 * (size_t)m->vertex_of[leaf]],
-               3 * sizeof(float));
+        for (uint32_t i = 0; i < 3; i++) /* -0 becomes 0: blocks hold differences */
+            t->leaf_position[3 * (size_t)leaf + i] =
+                mesh->position[3 * (size_t)m->vertex_of[leaf] + i] + 0.0f;
         if (t->leaf_color != NULL)
             t->leaf_color[leaf] = mesh->color[m->vertex_of[leaf]];
     }
@@ -107,7 +110,7 @@ static void fill_inner(maker *m) {
         t->leaf_lo[i] = a.lo;
         t->leaf_mid[i] = a.hi;
         t->leaf_hi[i] = b.hi;
-        t->switch_value[i] = m->s->made.value[n + i];
+        t->switch_value[i] = mni_switch_up(m->s->made.value[n + i]);
         MN_ASSERT(t->switch_value[i] >= a.switch_value && t->switch_value[i] >= b.switch_value);
         mni_node_bounds both = mni_parent_bounds(&t->leaf_position[3 * (size_t)a.lo], a.of,
                                                  &t->leaf_position[3 * (size_t)b.lo], b.of);
@@ -152,7 +155,8 @@ mn_code mni_tree_make(mni_simplifier *s, mn_tree *t) {
                    .inner = s->made.count,
                    .simplices = s->surface.simplices,
                    .triangles = s->surface.triangles,
-                   .roots = leaves - s->made.count};
+                   .roots = leaves - s->made.count,
+                   .grid_step = s->mesh->grid_step};
     maker m = {.s = s,
                .tree = t,
                .leaf_of = malloc(leaves * sizeof(uint32_t)),

@@ -1,17 +1,18 @@
 /* Is a file sound, and is its full detail the mesh it was built from?
  *
- * Hides: how two meshes are compared whose vertices are numbered differently. Positions get numbers
- * (equal ones the same), triangles become three such numbers with the least first, both sides are
- * sorted, and the first triangle of the input without its like is named. Order: mn_verify alone.
- * One thread; blocks on the disk. Memory: the tree, and 16 bytes a vertex and 56 a triangle. Paper:
- * none. */
+ * Hides: how two meshes are compared whose vertices are numbered differently. Positions go onto the
+ * file's grid and get numbers (equal ones the same), triangles become three such numbers with the
+ * least first, both sides are sorted, and the first triangle of the input without its like is
+ * named. Order: mn_verify alone. One thread; blocks on the disk. Memory: the tree, and 40 bytes a
+ * vertex and 56 a triangle. Paper: none. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "tree.h"
 
 typedef struct point {
-    float at[3];
+    float at[3], given[3]; /* on the grid, and in the input */
     uint32_t vertex;
 } point;
 
@@ -30,6 +31,7 @@ typedef struct comparison {
     uint32_t *of_vertex;   /* mesh vertex: of its position */
     uint32_t *vertices_at; /* number: mesh vertices there, less leaves there */
     face *of_mesh, *of_tree, *edge;
+    uint64_t merged; /* positions that fall together on the grid */
 } comparison;
 
 static int by_position(const void *a, const void *b) {
@@ -68,6 +70,24 @@ static face edge_of(uint32_t a, uint32_t b) {
 
 /* ---- positions ------------------------------------------------------------------------------ */
 
+/* Half a step away at most; and -0 becomes 0. */
+static float on_grid(double at, double step) {
+    return (float)(step > 0 ? rint(at / step) * step : at) + 0.0f;
+}
+
+static bool given_same(const point *a, const point *b) {
+    return a->given[0] == b->given[0] && a->given[1] == b->given[1] && a->given[2] == b->given[2];
+}
+
+/* On the grid, and those that fall together there by where they were. */
+static int by_place(const void *a, const void *b) {
+    const point *x = a, *y = b;
+    int order = by_position(a, b);
+    for (int i = 0; i < 3 && order == 0; i++)
+        order = x->given[i] < y->given[i] ? -1 : x->given[i] > y->given[i];
+    return order;
+}
+
 /* Numbers positions, and takes every leaf for one of the mesh's vertices. */
 static mn_code match_vertices(comparison *c) {
     const mn_mesh *m = c->mesh;
@@ -77,23 +97,24 @@ static mn_code match_vertices(comparison *c) {
                        "%s: holds %u vertices and %u triangles, the input %u and %u", c->path,
                        t->leaves, t->triangles, m->vertices, m->triangles);
     for (uint32_t v = 0; v < m->vertices; v++) {
-        for (int i = 0; i < 3; i++) { /* -0 becomes 0 */
+        for (int i = 0; i < 3; i++) {
             float at = m->position[3 * (size_t)v + (size_t)i] + 0.0f;
-            c->point[v].at[i] = m->origin[i] == t->origin[i]
-                                    ? at
-                                    : (float)(at + (m->origin[i] - t->origin[i])) + 0.0f;
+            double from_origin = at + (m->origin[i] - t->origin[i]);
+            c->point[v].at[i] = on_grid(from_origin, t->grid_step);
+            c->point[v].given[i] = at;
         }
         c->point[v].vertex = v;
     }
-    qsort(c->point, m->vertices, sizeof *c->point, by_position);
+    qsort(c->point, m->vertices, sizeof *c->point, by_place);
     for (uint32_t p = 0, first = 0; p < m->vertices; p++) {
-        if (by_position(&c->point[p], &c->point[first]) != 0)
-            first = p;
+        bool same = p > 0 && by_position(&c->point[p], &c->point[p - 1]) == 0;
+        first = same ? first : p;
+        c->merged += same && !given_same(&c->point[p], &c->point[p - 1]);
         c->of_vertex[c->point[p].vertex] = first;
         c->vertices_at[first]++;
     }
     for (uint32_t v = 0; v < t->leaves; v++) {
-        point wanted = {{0}, 0};
+        point wanted = {0};
         for (int i = 0; i < 3; i++)
             wanted.at[i] = t->leaf_position[3 * (size_t)v + (size_t)i] + 0.0f;
         const point *found = bsearch(&wanted, c->point, m->vertices, sizeof *c->point, by_position);
@@ -166,7 +187,7 @@ static mn_code match_hinges(comparison *c) {
     return MN_OK;
 }
 
-static mn_code compare(const char *path, const mn_tree *t, const mn_mesh *m, uint64_t *matched,
+static mn_code compare(const char *path, const mn_tree *t, const mn_mesh *m, mn_verify_result *out,
                        mn_status *st) {
     comparison c = {.path = path, .tree = t, .mesh = m, .st = st};
     bool has_hinges = t->simplices > t->triangles;
@@ -184,9 +205,10 @@ static mn_code compare(const char *path, const mn_tree *t, const mn_mesh *m, uin
     if (code == MN_OK)
         code = match_vertices(&c);
     if (code == MN_OK)
-        code = match_triangles(&c, matched);
+        code = match_triangles(&c, &out->matched_triangles);
     if (code == MN_OK)
         code = match_hinges(&c);
+    out->merged_positions = c.merged;
     free(c.point);
     free(c.number);
     free(c.of_vertex);
@@ -212,7 +234,7 @@ mn_code mn_verify(const char *path, const mn_mesh *against, const mn_watch *watc
     out->triangles = tree.triangles;
     out->hinges = tree.simplices - tree.triangles;
     if (against != NULL)
-        code = compare(path, &tree, against, &out->matched_triangles, st);
+        code = compare(path, &tree, against, out, st);
     mn_tree_free(&tree);
     return code;
 }

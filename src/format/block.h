@@ -1,11 +1,11 @@
-/* The meaning of a block: several subtrees of the view-dependence tree, in columns of bits.
+/* The meaning of a block: several subtrees of the view-dependence tree, in rows of bits.
  *
- * The decoder hides column widths and bases: callers see indices and values. A view is pointers
+ * The decoder hides widths and bases: callers see indices and values. A view is pointers
  * into the block's bytes and lives only while they stay (a place holder pinned, a file mapped).
  * Threads: a view is read-only; any thread may open its own. Nothing here allocates or blocks.
  * docs/format.md gives the bytes.
  *
- *   block = frame (frame.h: checks, reference table) | block head | columns … | zero padding
+ *   block = frame (frame.h: checks, reference table) | block head | rows … | zero padding
  *
  * Inner nodes stand in one numbering a block, node 0 … nodes-1: subtree after subtree, each in
  * preorder, left before right (so children come after parents, and an inner left child is the next
@@ -49,48 +49,55 @@ typedef struct mni_child {
     mni_facts facts;  /* INNER, SUBTREE */
 } mni_child;
 
-/* An inner node. Its leaf_lo, leaf_hi and position are its parent's business (a left child has the
- * parent's leaf_lo and position, a right child begins at the parent's leaf_mid). */
+/* What its parent says of a node besides: a left child has the parent's leaf_lo and position, a
+ * right child begins at the parent's leaf_mid. The header has it of the roots. Records count from
+ * it, so whoever reads them must know it. */
+typedef struct mni_place {
+    uint32_t leaf_lo, leaf_hi;
+    float position[3];
+} mni_place;
+
+/* An inner node. */
 typedef struct mni_node {
+    mni_place at;
     mni_facts facts;
     uint32_t leaf_mid;
     float right_position[3]; /* of the right child, that is of leaf leaf_mid */
     uint32_t right_color;    /* RGBA8; 0xffffffff in a model without colours */
     mni_child left, right;
-    uint32_t simplex_first, simplex_count; /* killed here; in this block's numbering */
-    uint32_t overflow_ref;                 /* reference of the first overflow block, or MN_NONE */
+    uint32_t simplex_count; /* killed here, and in this block */
+    uint32_t overflow_ref;  /* reference of the first overflow block, or MN_NONE */
+    uint32_t row, more;     /* where its simplices are; the decoder's */
 } mni_node;
 
 /* A node with more simplices than its block has room for goes on in overflow blocks: overflow_ref
  * is the first, reference 0 of an overflow block's frame the next, until one has no references.
  * simplex_count counts those in the block itself. */
 
-/* The root of a subtree, with what it has of its parent. */
+/* The root of a subtree. Its position and colour are its parent's alone to say. */
 typedef struct mni_subtree {
     uint32_t node; /* its inner node */
     uint32_t leaf_lo, leaf_hi;
-    float position[3];
-    uint32_t color;
 } mni_subtree;
 
 enum {
-    MNI_BLOCK_COLUMNS = 34,      /* the decoder's table */
-    MNI_BLOCK_NODES_MAX = 65535, /* inner nodes in a block */
-    MNI_BLOCK_EXITS_MAX = 65536, /* children that are SUBTREEs */
-    MNI_BLOCK_DEPTH_MAX = 256,   /* levels of a subtree in a block: bounds the checker's stack */
-    MNI_BLOCK_TAIL_BYTES = 8, /* zeroes after the last column: the decoder reads 8 bytes at once */
+    MNI_BLOCK_NODES_MAX = 65535,  /* inner nodes in a block */
+    MNI_BLOCK_EXITS_MAX = 65536,  /* children that are SUBTREEs */
+    MNI_GRID_STEPS_MAX = 1 << 24, /* across a model: differences are exact as floats */
+    MNI_BLOCK_DEPTH_MAX = 256,    /* levels of a subtree in a block: bounds the checker's stack */
+    MNI_BLOCK_TAIL_BYTES = 8,     /* zeroes after the last row: the decoder reads 8 bytes at once */
 };
-typedef struct mni_column {
-    const uint8_t *bits;
-    uint32_t width; /* bits a value, 0 … 32 */
-    uint32_t base;  /* added to what the bits say, modulo 2^32 */
-} mni_column;
 
+/* Private but for the counts. */
 typedef struct mni_block {
-    uint32_t nodes, subtrees, simplices;
+    uint32_t nodes, subtrees;
     uint32_t exits; /* children that are SUBTREEs */
+    uint32_t more;  /* simplices that do not stand with their nodes */
     bool has_colors;
-    mni_column column[MNI_BLOCK_COLUMNS];
+    float step; /* of the grid of positions */
+    uint32_t node_bits, exit_bits, subtree_bits, simplex_bits;
+    const uint8_t *base, *edge;
+    const uint8_t *node_rows, *exit_rows, *subtree_rows, *more_rows;
 } mni_block;
 
 /* Bounds that a block of this file must respect. */
@@ -98,10 +105,12 @@ typedef struct mni_block_limits {
     uint32_t leaves, nodes; /* of the file: header.leaves, header.nodes */
     uint64_t file_bytes;
     bool has_colors;
+    float grid_step;
 } mni_block_limits;
+mni_block_limits mni_block_limits_of(const mn_header *header);
 
 /* Opens a view of bytes whose frame has been checked, and checks everything in it that one block
- * can show: columns inside the block, children a forest of the subtrees, intervals nested, order
+ * can show: rows inside the block, children a forest of the subtrees, intervals nested, order
  * ids falling, switch values and radii nested and finite, each simplex with one corner in each
  * child of its node and the third outside the node. false: why (may be NULL) gets one phrase.
  * O(block). */
@@ -110,19 +119,37 @@ bool mni_block_open(mni_block *view, const void *bytes, uint32_t length_bytes,
 /* As mni_block_open, of bytes that passed it before: decodes the head and checks nothing. O(1). */
 void mni_block_reopen(mni_block *view, const void *bytes);
 
-void mni_block_node(const mni_block *view, uint32_t node, mni_node *out);
+/* at: what is known of the node from above. */
+void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out);
+/* A node's own facts alone. */
+void mni_block_facts(const mni_block *view, uint32_t node, mni_facts *out);
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out);
 /* An exit alone: a child of kind SUBTREE. */
 void mni_block_exit(const mni_block *view, uint32_t exit, mni_child *out);
-/* Three leaf ids in the input's cyclic order; the third is MN_NONE for a hinge. */
-void mni_block_simplex(const mni_block *view, uint32_t simplex, uint32_t corner[3]);
+/* Simplex i of a node as mni_block_node gave it: three leaf ids in the input's cyclic order; the
+ * third is MN_NONE for a hinge. */
+void mni_block_simplex(const mni_block *view, const mni_node *node, uint32_t i, uint32_t corner[3]);
+
+/* Goes through the nodes of a block in their order. Positions count from that of the subtree's
+ * root, which the block does not know. */
+typedef struct mni_walk {
+    const mni_block *view;
+    uint32_t subtree, waiting;
+    struct mni_walk_node {
+        uint32_t node;
+        mni_place at;
+    } stack[MNI_BLOCK_DEPTH_MAX + 2];
+} mni_walk;
+void mni_walk_begin(mni_walk *walk, const mni_block *view);
+/* *node: its index. false: there are no more. */
+bool mni_walk_next(mni_walk *walk, uint32_t *node, mni_node *out);
 
 /* ---- overflow blocks ------------------------------------------------------------------------ */
 
 typedef struct mni_overflow {
     uint32_t order, leaf_lo, leaf_mid, leaf_hi; /* of the node whose simplices these are */
     uint32_t simplices;
-    mni_column column[3];
+    const uint8_t *base, *edge, *rows; /* private */
 } mni_overflow;
 /* As mni_block_open. The caller compares order and interval with the node's. */
 bool mni_overflow_open(mni_overflow *view, const void *bytes, uint32_t length_bytes,
@@ -131,29 +158,37 @@ void mni_overflow_simplex(const mni_overflow *view, uint32_t simplex, uint32_t c
 
 /* ---- writing -------------------------------------------------------------------------------- */
 
-/* What a block would take: counts and the range of each column. Adding is exact and cheap, so a
+/* What a block would take: counts and the range of each field. Adding is exact and cheap, so a
  * filler copies a tally, adds, and keeps the copy if it fits. */
+enum { MNI_TALLY_RANGES = 20 };
 typedef struct mni_tally {
-    uint32_t nodes, subtrees, exits, simplices;
+    uint32_t nodes, subtrees, exits, more;
     bool has_colors, has_overflow;
-    uint32_t min[MNI_BLOCK_COLUMNS], max[MNI_BLOCK_COLUMNS];
+    float step; /* of the grid of positions */
+    uint32_t min[MNI_TALLY_RANGES], max[MNI_TALLY_RANGES];
+    uint32_t leaf_lo, leaf_mid; /* of the last node */
 } mni_tally;
-void mni_tally_init(mni_tally *tally, bool has_colors);
-/* Of the children the kinds matter and the facts of SUBTREEs, of the simplices nothing. */
+/* grid_step: of the tree. */
+void mni_tally_init(mni_tally *tally, bool has_colors, float grid_step);
+/* Of the children the kinds matter and the facts of SUBTREEs, of the simplices their number. */
 void mni_tally_node(mni_tally *tally, const mni_node *node);
-void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree);
+/* A simplex of the last node, in its own block. */
 void mni_tally_simplex(mni_tally *tally, const uint32_t corner[3]);
+void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree);
 /* Adds all that another tally holds: the sum is as if everything had been tallied in one. */
 void mni_tally_merge(mni_tally *tally, const mni_tally *other);
-/* Bytes from the block's start to the end of its last column, with that many references. */
+/* Bytes from the block's start to the end of its last row, with that many references. */
 uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs);
 
-/* Writes a block: begin, then every subtree, node and simplex in the order of the numbering, then
- * the references and the seal (frame.h). bytes[0, length_bytes) is zeroed; the caller's. */
+/* Writes a block: begin, then every subtree, and every node followed by its simplices, in the order
+ * of the numbering, then the references and the seal (frame.h). bytes[0, length_bytes) is zeroed;
+ * the caller's. */
 typedef struct mni_encoder {
     mni_block view;
     mni_tally tally;
-    uint32_t nodes, subtrees, exits, simplices, killed; /* written so far */
+    uint32_t nodes, subtrees, exits, more; /* written so far */
+    mni_node last;                         /* node; simplex_count: how many are still to come */
+    uint32_t placed;                       /* of its simplices */
 } mni_encoder;
 void mni_encoder_begin(mni_encoder *encoder, void *bytes, uint32_t length_bytes,
                        const mni_tally *tally, uint32_t refs);
@@ -162,11 +197,14 @@ void mni_encoder_subtree(mni_encoder *encoder, const mni_subtree *subtree);
 void mni_encoder_simplex(mni_encoder *encoder, const uint32_t corner[3]);
 void mni_encoder_end(mni_encoder *encoder); /* asserts that all is there */
 
-/* How many of count simplices (3 leaf ids each) an overflow block of that length holds. */
-uint32_t mni_overflow_fit(const uint32_t *corner, uint32_t count, uint32_t length_bytes);
+/* How many of count simplices (3 leaf ids each) an overflow block of that length holds. Order and
+ * interval from *head. */
+uint32_t mni_overflow_fit(const mni_overflow *head, const uint32_t *corner, uint32_t count,
+                          uint32_t length_bytes);
 /* Where the payload of an overflow block with those simplices ends. */
-uint32_t mni_overflow_bytes(const uint32_t *corner, uint32_t count, uint32_t refs);
-/* Writes an overflow block's payload and returns where it ends. order and interval from *head. */
+uint32_t mni_overflow_bytes(const mni_overflow *head, const uint32_t *corner, uint32_t count,
+                            uint32_t refs);
+/* Writes an overflow block's payload and returns where it ends. */
 uint32_t mni_overflow_encode(void *bytes, uint32_t length_bytes, uint32_t refs,
                              const mni_overflow *head, const uint32_t *corner, uint32_t count);
 
@@ -174,6 +212,12 @@ uint32_t mni_overflow_encode(void *bytes, uint32_t length_bytes, uint32_t refs,
  */
 
 bool mni_facts_equal(const mni_facts *a, const mni_facts *b);
+/* The least value not below it that the format knows: switch values have 6 significant bits, radii
+ * 5. Monotone, so what nests still nests. 0 stays 0; what is past the largest becomes infinite. */
+float mni_switch_up(float value);
+float mni_radius_up(float value);
+/* Steps of a grid: powers of two, so that positions, multiples of the step, are exact as floats. */
+bool mni_grid_ok(float step);
 /* Does the outer decoded cone hold the inner one, up to slack? */
 bool mni_cone_encloses(mn_cone outer, mn_cone inner, double slack_rad);
 /* May a node with this sphere have a child with that one? Allows for float rounding. */

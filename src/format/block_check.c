@@ -2,8 +2,9 @@
  *
  * Hides: how a whole block is checked in one pass without memory. Subtrees stand in preorder, so a
  * stack of what is still to come, at most one entry a level (MNI_BLOCK_DEPTH_MAX), carries each
- * node's interval and its parent's bounds. First the columns' places, then everything through the
- * decoder. Pure; any thread; the same checker before writing and after reading. Paper: none. */
+ * node's interval and its parent's bounds. First the rows' places, then everything through the
+ * decoder. Positions are not in a block, only differences of them; spheres need no more. Pure; any
+ * thread; the same checker before writing and after reading. Paper: none. */
 #include "block_layout.h"
 
 #include <math.h>
@@ -16,14 +17,14 @@
 typedef struct expected {
     uint32_t node, lo, hi, depth;
     mni_facts parent;
-    float parent_position[3], position[3];
+    double reach; /* from the parent's position to this node's */
 } expected;
 
 typedef struct checker {
     const mni_block *view;
     const mni_block_limits *limits;
     uint32_t refs;
-    uint32_t next_node, next_exit, next_simplex;
+    uint32_t next_node, next_exit, next_more;
     uint32_t waiting;
     expected stack[MNI_BLOCK_DEPTH_MAX + 2];
     char *why;
@@ -42,6 +43,11 @@ __attribute__((format(printf, 3, 4))) static bool fail(char *why, uint32_t why_b
 }
 #define FAIL(c, ...) fail((c)->why, (c)->why_bytes, __VA_ARGS__)
 
+/* A sphere, and another within it at that distance; up to float rounding. */
+static bool sphere_holds(float radius, double distance, float child_radius) {
+    return distance + child_radius <= radius * (1 + 1e-5);
+}
+
 bool mni_sphere_encloses(const float position[3], float radius, const float child_position[3],
                          float child_radius) {
     double square = 0;
@@ -49,11 +55,7 @@ bool mni_sphere_encloses(const float position[3], float radius, const float chil
         double d = (double)position[i] - child_position[i];
         square += d * d;
     }
-    return sqrt(square) + child_radius <= radius * (1 + 1e-5);
-}
-
-static bool finite3(const float p[3]) {
-    return isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]);
+    return sphere_holds(radius, sqrt(square), child_radius);
 }
 
 static bool bound_ok(float value) {
@@ -73,49 +75,45 @@ static bool simplex_ok(const uint32_t corner[3], uint32_t lo, uint32_t mid, uint
     return in_left == 1 && in_right == 1 && outside == 1;
 }
 
-/* Do a node's facts nest in its parent's? */
-static bool facts_ok(const checker *c, const mni_facts *facts, const float position[3],
-                     const mni_facts *parent, const float parent_position[3]) {
+/* Do a node's facts nest in its parent's, that far off? */
+static bool facts_ok(const checker *c, const mni_facts *facts, const mni_facts *parent,
+                     double reach) {
     return facts->order >= c->limits->leaves && facts->order < c->limits->nodes &&
            facts->order < parent->order && bound_ok(facts->switch_value) &&
            facts->switch_value <= parent->switch_value && bound_ok(facts->radius) &&
-           mni_sphere_encloses(parent_position, parent->radius, position, facts->radius);
+           sphere_holds(parent->radius, reach, facts->radius);
 }
 
 static bool check_child(checker *c, const expected *from, const mni_node *node,
-                        const mni_child *child, bool is_left) {
+                        const mni_child *child, double reach) {
+    bool is_left = child == &node->left;
     uint32_t lo = is_left ? from->lo : node->leaf_mid;
     uint32_t hi = is_left ? node->leaf_mid : from->hi;
     if ((child->kind == MNI_CHILD_LEAF) != (hi - lo == 1))
-        return FAIL(c, "node %u: a child of %u leaves is said to be %s", from->node, hi - lo,
-                    hi - lo == 1 ? "inner" : "a leaf");
-    const float *position = is_left ? from->position : node->right_position;
+        return FAIL(c, "node %u: an exit to a leaf", from->node);
     if (child->kind == MNI_CHILD_SUBTREE) {
         c->next_exit++;
         if (child->ref >= c->refs)
             return FAIL(c, "node %u: child in reference %u of %u", from->node, child->ref, c->refs);
-        if (!facts_ok(c, &child->facts, position, &node->facts, from->position))
+        if (!facts_ok(c, &child->facts, &node->facts, reach))
             return FAIL(c, "node %u: what it says of its child %u does not nest", from->node,
                         child->facts.order);
     }
     if (child->kind == MNI_CHILD_INNER) {
         if (from->depth + 1 >= MNI_BLOCK_DEPTH_MAX)
             return FAIL(c, "node %u: deeper than %d levels", from->node, MNI_BLOCK_DEPTH_MAX);
-        expected *to = &c->stack[c->waiting++];
-        *to = (expected){child->node, lo, hi, from->depth + 1, node->facts, {0}, {0}};
-        memcpy(to->parent_position, from->position, sizeof to->parent_position);
-        memcpy(to->position, position, sizeof to->position);
+        c->stack[c->waiting++] =
+            (expected){child->node, lo, hi, from->depth + 1, node->facts, reach};
     }
     return true;
 }
 
 static bool check_simplices(checker *c, const expected *from, const mni_node *node) {
-    if (node->simplex_first != c->next_simplex ||
-        node->simplex_count > c->view->simplices - c->next_simplex)
-        return FAIL(c, "node %u: its simplices do not follow the last node's", from->node);
+    uint32_t more = node->simplex_count > MNI_INLINE ? node->simplex_count - MNI_INLINE : 0;
+    c->next_more += more;
     for (uint32_t i = 0; i < node->simplex_count; i++) {
         uint32_t corner[3];
-        mni_block_simplex(c->view, c->next_simplex++, corner);
+        mni_block_simplex(c->view, node, i, corner);
         if (!simplex_ok(corner, from->lo, node->leaf_mid, from->hi, c->limits->leaves))
             return FAIL(c, "node %u: simplex %u (%u %u %u) is not killed there", from->node, i,
                         corner[0], corner[1], corner[2]);
@@ -123,33 +121,60 @@ static bool check_simplices(checker *c, const expected *from, const mni_node *no
     return true;
 }
 
-static bool check_node(checker *c, const expected *from) {
+static uint32_t field(const mni_block *v, uint32_t node, uint32_t f) {
+    uint32_t from = mni_edge(v->edge, f);
+    return mni_bits_get(v->node_rows, (uint64_t)node * v->node_bits + from,
+                        mni_edge(v->edge, f + 1) - from);
+}
+
+/* What must be right before the decoder may read the node. */
+static bool check_row(const checker *c, const expected *from) {
     const mni_block *view = c->view;
-    if (from->node != c->next_node || from->node >= view->nodes)
+    uint32_t node = from->node, below = view->nodes - node;
+    uint32_t left_leaves = field(view, node, FIELD_LEFT) + 1, distance = left_leaves;
+    if (left_leaves == 0 || left_leaves >= from->hi - from->lo)
+        return FAIL(c, "node %u: %u of %u leaves on its left", node, left_leaves,
+                    from->hi - from->lo);
+    uint32_t exits = field(view, node, FIELD_EXITS);
+    if (view->exits > 0)
+        distance = field(view, node, FIELD_RIGHT);
+    if (field(view, node, FIELD_EXIT) != c->next_exit ||
+        (exits & 1) + (exits >> 1) > view->exits - c->next_exit)
+        return FAIL(c, "node %u: exits in a wrong place", node);
+    /* a child's facts are read with the node */
+    if ((left_leaves > 1 && (exits & 1) == 0 && below < 2) ||
+        (from->hi - from->lo - left_leaves > 1 && (exits & 2) == 0 &&
+         (distance == 0 || distance >= below)))
+        return FAIL(c, "node %u: a child beyond the last node", node);
+    uint32_t lack = field(view, node, FIELD_LACK), more = field(view, node, FIELD_MORE);
+    uint32_t more_end = below > 1 ? field(view, node + 1, FIELD_MORE) : view->more;
+    if (lack > MNI_INLINE || more != c->next_more || more_end < more || more_end > view->more ||
+        (lack > 0 && more_end > more))
+        return FAIL(c, "node %u: its simplices do not follow the last node's", node);
+    return true;
+}
+
+static bool check_node(checker *c, const expected *from) {
+    if (from->node != c->next_node || from->node >= c->view->nodes)
         return FAIL(c, "node %u is not where its parent says (%u)", c->next_node, from->node);
+    if (!check_row(c, from))
+        return false;
     c->next_node++;
-    if (mni_column_get(&view->column[COL_KINDS], from->node) > 8 ||
-        mni_column_get(&view->column[COL_EXIT], from->node) != c->next_exit)
-        return FAIL(c, "node %u: children of no kind or in a wrong place", from->node);
-    uint32_t kinds = mni_column_get(&view->column[COL_KINDS], from->node);
-    uint32_t exits = (kinds / 3 == MNI_CHILD_SUBTREE) + (kinds % 3 == MNI_CHILD_SUBTREE);
-    if (exits > view->exits - c->next_exit)
-        return FAIL(c, "node %u: more exits than the head says", from->node);
-    uint32_t below = view->nodes - from->node; /* a child's facts are read with the node */
-    if ((kinds / 3 == MNI_CHILD_INNER && below < 2) ||
-        (kinds % 3 == MNI_CHILD_INNER &&
-         mni_column_get(&view->column[COL_RIGHT], from->node) >= below))
-        return FAIL(c, "node %u: a child beyond the last node", from->node);
     mni_node node;
-    mni_block_node(view, from->node, &node);
-    if (!facts_ok(c, &node.facts, from->position, &from->parent, from->parent_position))
+    const mni_place at = {from->lo, from->hi, {0, 0, 0}};
+    mni_block_node(c->view, from->node, &at, &node);
+    double square = 0;
+    for (int i = 0; i < 3; i++) {
+        square += (double)node.right_position[i] * node.right_position[i];
+        if (!(fabs((double)node.right_position[i]) <= MNI_GRID_STEPS_MAX * (double)c->view->step))
+            return FAIL(c, "node %u: leaf %u is %g away", from->node, node.leaf_mid,
+                        (double)node.right_position[i]);
+    }
+    if (!facts_ok(c, &node.facts, &from->parent, from->reach))
         return FAIL(c, "node %u: order id %u, switch value %g or radius %g does not nest",
                     from->node, node.facts.order, node.facts.switch_value, node.facts.radius);
-    if (node.leaf_mid <= from->lo || node.leaf_mid >= from->hi)
-        return FAIL(c, "node %u: leaf_mid %u outside (%u, %u)", from->node, node.leaf_mid, from->lo,
-                    from->hi);
-    if (!finite3(node.right_position) ||
-        !mni_sphere_encloses(from->position, node.facts.radius, node.right_position, 0))
+    double reach = sqrt(square);
+    if (!sphere_holds(node.facts.radius, reach, 0))
         return FAIL(c, "node %u: its sphere (radius %g) does not hold leaf %u", from->node,
                     node.facts.radius, node.leaf_mid);
     if (node.overflow_ref != MN_NONE && node.overflow_ref >= c->refs)
@@ -157,8 +182,8 @@ static bool check_node(checker *c, const expected *from) {
                     c->refs);
     return check_simplices(c, from, &node) &&
            /* the right one first: the left one, on top, comes next */
-           check_child(c, from, &node, &node.right, false) &&
-           check_child(c, from, &node, &node.left, true);
+           check_child(c, from, &node, &node.right, reach) &&
+           check_child(c, from, &node, &node.left, 0);
 }
 
 static bool check_subtree(checker *c, uint32_t index) {
@@ -166,17 +191,10 @@ static bool check_subtree(checker *c, uint32_t index) {
     mni_block_subtree(c->view, index, &s);
     if (s.leaf_lo >= s.leaf_hi || s.leaf_hi > c->limits->leaves || s.leaf_hi - s.leaf_lo < 2)
         return FAIL(c, "subtree %u: leaves [%u, %u)", index, s.leaf_lo, s.leaf_hi);
-    if (!finite3(s.position))
-        return FAIL(c, "subtree %u: its position is not finite", index);
-    expected top = {.node = s.node,
-                    .lo = s.leaf_lo,
-                    .hi = s.leaf_hi,
-                    /* whether it nests is said by the parent's block, which repeats its facts */
-                    .parent = {MN_NONE, INFINITY, INFINITY, {{0}, 0}}};
-    memcpy(top.position, s.position, sizeof top.position);
-    memcpy(top.parent_position, s.position, sizeof top.parent_position);
+    /* whether it nests is said by the parent's block, which repeats its facts */
+    const mni_facts any = {MN_NONE, INFINITY, INFINITY, {{0}, 0}};
     c->waiting = 0;
-    c->stack[c->waiting++] = top;
+    c->stack[c->waiting++] = (expected){s.node, s.leaf_lo, s.leaf_hi, 0, any, 0};
     while (c->waiting > 0) {
         expected from = c->stack[--c->waiting];
         if (!check_node(c, &from))
@@ -185,27 +203,91 @@ static bool check_subtree(checker *c, uint32_t index) {
     return true;
 }
 
-static bool check_columns(mni_block *view, const uint8_t *payload, uint64_t room, uint64_t used,
-                          bool has_colors, char *why, uint32_t why_bytes) {
+/* The most bits that a field may have; 0 in edges that end a row. */
+static const uint8_t width_max[FIELDS] = {
+    [FIELD_ORDER] = 32,
+    [FIELD_SWITCH] = 8 + MNI_SWITCH_MANTISSA,
+    [FIELD_RADIUS] = 8 + MNI_RADIUS_MANTISSA,
+    [FIELD_AXIS] = 8,
+    [FIELD_AXIS + 1] = 8,
+    [FIELD_ANGLE] = 8,
+    [FIELD_LEFT] = 32,
+    [FIELD_DELTA] = 32,
+    [FIELD_DELTA + 1] = 32,
+    [FIELD_DELTA + 2] = 32,
+    [FIELD_COLOR] = 8,
+    [FIELD_COLOR + 1] = 8,
+    [FIELD_COLOR + 2] = 8,
+    [FIELD_COLOR + 3] = 8,
+    [FIELD_EXITS] = 2,
+    [FIELD_RIGHT] = 32,
+    [FIELD_EXIT] = 32,
+    [FIELD_OVERFLOW] = 32,
+    [FIELD_LACK] = 2,
+    [FIELD_MORE] = 32,
+    [FIELD_TURN] = 1,
+    [FIELD_A] = 32,
+    [FIELD_B] = 32,
+    [FIELD_THIRD] = 32,
+    [FIELD_REF] = 32,
+    [FIELD_SUBTREE] = 32,
+    [FIELD_NODE] = 32,
+    [FIELD_LO] = 32,
+    [FIELD_SIZE] = 32,
+};
+
+static bool edges_ok(const uint8_t *edge, uint32_t first, uint32_t last, char *why,
+                     uint32_t why_bytes) {
+    for (uint32_t f = first; f < last; f++) {
+        uint32_t from = mni_edge(edge, f - first), to = mni_edge(edge, f + 1 - first);
+        if (to < from || to - from > width_max[f])
+            return fail(why, why_bytes, "field %u stands in bits [%u, %u)", f, from, to);
+    }
+    return true;
+}
+
+static bool check_head(const uint8_t *payload, const mni_block_limits *limits, char *why,
+                       uint32_t why_bytes) {
+    static const uint32_t row[][2] = {{FIELD_ORDER, FIELD_NODE_END},
+                                      {FIELD_TURN, FIELD_SIMPLEX_END},
+                                      {FIELD_REF, FIELD_EXIT_END},
+                                      {FIELD_NODE, FIELD_SUBTREE_END}};
+    const uint8_t *edge = payload + MNI_HEAD_EDGE;
+    uint32_t flags;
+    float step;
+    memcpy(&flags, payload + 16, sizeof flags);
+    memcpy(&step, payload + MNI_HEAD_STEP, sizeof step);
+    if (flags != (limits->has_colors ? MNI_FLAG_COLORS : 0))
+        return fail(why, why_bytes, "flags %x", flags);
+    if (!(step == limits->grid_step))
+        return fail(why, why_bytes, "a grid of %g, the file's is %g", step, limits->grid_step);
+    for (uint32_t i = 0; i < 4; i++) {
+        uint32_t first = row[i][0] == FIELD_REF ? mni_edge(edge, FIELD_LEFT) : 0;
+        if (mni_edge(edge, row[i][0]) != first)
+            return fail(why, why_bytes, "rows of kind %u begin at bit %u", i,
+                        mni_edge(edge, row[i][0]));
+        if (!edges_ok(edge + 2 * (size_t)row[i][0], row[i][0], row[i][1], why, why_bytes))
+            return false;
+    }
+    return true;
+}
+
+static bool check_layout(mni_block *view, const uint8_t *payload, uint64_t room, uint64_t used,
+                         const mni_block_limits *limits, char *why, uint32_t why_bytes) {
     if (room < MNI_HEAD_BYTES + MNI_BLOCK_TAIL_BYTES)
         return fail(why, why_bytes, "no room for a block's head");
-    for (uint32_t i = 0; i < COL_END; i++)
-        if (payload[MNI_HEAD_WIDTH + i] > 32)
-            return fail(why, why_bytes, "column %u is %u bits wide", i,
-                        payload[MNI_HEAD_WIDTH + i]);
-    uint32_t flags[2];
-    memcpy(flags, payload + 16, sizeof flags);
-    if (flags[0] != (has_colors ? MNI_FLAG_COLORS : 0) || flags[1] != 0)
-        return fail(why, why_bytes, "flags %x", flags[0]);
+    if (!check_head(payload, limits, why, why_bytes))
+        return false;
+    uint32_t count[4];
+    memcpy(count, payload, sizeof count);
+    /* before they are multiplied; distinct simplices take a bit each: bounds the work */
+    if (count[0] == 0 || count[0] > MNI_BLOCK_NODES_MAX || count[1] == 0 || count[1] > count[0] ||
+        count[2] > count[0] + count[1] || count[2] > MNI_BLOCK_EXITS_MAX || count[3] > 8 * room)
+        return fail(why, why_bytes, "%u nodes, %u subtrees, %u exits, %u more simplices", count[0],
+                    count[1], count[2], count[3]);
     uint64_t end = mni_block_layout(view, payload);
-    if (view->nodes == 0 || view->nodes > MNI_BLOCK_NODES_MAX || view->subtrees == 0 ||
-        view->subtrees > view->nodes || view->exits > view->nodes + view->subtrees ||
-        view->exits > MNI_BLOCK_EXITS_MAX ||
-        view->simplices > 8 * room) /* distinct ones take a bit each: bounds the work */
-        return fail(why, why_bytes, "%u nodes, %u subtrees, %u exits, %u simplices", view->nodes,
-                    view->subtrees, view->exits, view->simplices);
     if (end != used || end + MNI_BLOCK_TAIL_BYTES > room)
-        return fail(why, why_bytes, "columns end at %llu, the payload at %llu of %llu",
+        return fail(why, why_bytes, "rows end at %llu, the payload at %llu of %llu",
                     (unsigned long long)end, (unsigned long long)used, (unsigned long long)room);
     return true;
 }
@@ -232,18 +314,17 @@ bool mni_block_open(mni_block *view, const void *bytes, uint32_t length_bytes,
         return fail(why, why_bytes, "payload outside the block");
     if (frame.kind != MNI_FRAME_METANODE)
         return fail(why, why_bytes, "not a meta-node (kind %u)", frame.kind);
-    if (!check_columns(view, payload, room, used, limits->has_colors, why, why_bytes))
+    if (!check_layout(view, payload, room, used, limits, why, why_bytes))
         return false;
     checker c = {
         .view = view, .limits = limits, .refs = frame.refs, .why = why, .why_bytes = why_bytes};
     for (uint32_t i = 0; i < view->subtrees; i++)
         if (!check_subtree(&c, i))
             return false;
-    if (c.next_node != view->nodes || c.next_exit != view->exits ||
-        c.next_simplex != view->simplices ||
-        mni_column_get(&view->column[COL_SIMPLEX_FIRST], view->nodes) != view->simplices)
-        return fail(why, why_bytes, "%u nodes, %u exits, %u simplices where the head says more",
-                    c.next_node, c.next_exit, c.next_simplex);
+    if (c.next_node != view->nodes || c.next_exit != view->exits || c.next_more != view->more)
+        return fail(why, why_bytes,
+                    "%u nodes, %u exits, %u more simplices where the head says more", c.next_node,
+                    c.next_exit, c.next_more);
     return true;
 }
 
@@ -268,19 +349,18 @@ bool mni_overflow_open(mni_overflow *view, const void *bytes, uint32_t length_by
         view->leaf_hi > limits->leaves || view->simplices == 0 || view->simplices > 8 * room)
         return fail(why, why_bytes, "overflow of node %u, leaves [%u, %u, %u), %u simplices",
                     view->order, view->leaf_lo, view->leaf_mid, view->leaf_hi, view->simplices);
-    uint64_t at = MNI_OVERFLOW_HEAD_BYTES;
-    for (uint32_t i = 0; i < 3; i++) {
-        uint32_t width = payload[32 + i];
-        if (width > 32)
-            return fail(why, why_bytes, "column %u is %u bits wide", i, width);
-        view->column[i].width = width;
-        memcpy(&view->column[i].base, payload + 20 + 4 * i, 4);
-        view->column[i].bits = payload + at;
-        at += mni_column_bytes(view->simplices, width);
-    }
-    if (at != used || at + MNI_BLOCK_TAIL_BYTES > room)
-        return fail(why, why_bytes, "columns end at %llu, the payload at %llu of %llu",
-                    (unsigned long long)at, (unsigned long long)used, (unsigned long long)room);
+    view->base = payload + MNI_OVERFLOW_BASE;
+    view->edge = payload + MNI_OVERFLOW_EDGE;
+    view->rows = payload + MNI_OVERFLOW_HEAD_BYTES;
+    if (mni_edge(view->edge, 0) != 0 ||
+        !edges_ok(view->edge, FIELD_TURN, FIELD_SIMPLEX_END, why, why_bytes))
+        return fail(why, why_bytes, "rows of simplices with wrong edges");
+    uint64_t end =
+        MNI_OVERFLOW_HEAD_BYTES +
+        mni_row_bytes(view->simplices, mni_edge(view->edge, FIELD_SIMPLEX_END - FIELD_TURN));
+    if (end != used || end + MNI_BLOCK_TAIL_BYTES > room)
+        return fail(why, why_bytes, "rows end at %llu, the payload at %llu of %llu",
+                    (unsigned long long)end, (unsigned long long)used, (unsigned long long)room);
     for (uint32_t i = 0; i < view->simplices; i++) {
         uint32_t corner[3];
         mni_overflow_simplex(view, i, corner);

@@ -1,6 +1,6 @@
 /* The encoder: what a block would take, and its bytes.
  *
- * Hides: which columns have their width from a range of values and which from a count, so that a
+ * Hides: which fields have their width from a range of values and which from a count, so that a
  * tally is exact before the order of nodes is known. Order: tally everything, begin with that
  * tally, write the same things, end. One thread a tally or encoder; both are the caller's, of fixed
  * size; the bytes are the caller's. Paper: §3.2. */
@@ -9,85 +9,66 @@
 #include "assert.h"
 #include "frame.h"
 
-static bool is_range_column(uint32_t c) {
-    return c < COL_KINDS || (c >= COL_SUB_LO && c < COL_END);
-}
+/* Ranges beyond the bases: of fields that count from 0. */
+enum { RANGE_LEFT = BASES, RANGE_A, RANGE_B, RANGE_LACK, RANGE_SIZE, RANGES };
+_Static_assert((int)RANGES == (int)MNI_TALLY_RANGES, "a tally holds every range");
 
-void mni_tally_init(mni_tally *tally, bool has_colors) {
+void mni_tally_init(mni_tally *tally, bool has_colors, float grid_step) {
     memset(tally, 0, sizeof *tally);
     tally->has_colors = has_colors;
-    for (uint32_t c = 0; c < COL_END; c++)
-        if (is_range_column(c))
-            tally->min[c] = UINT32_MAX;
+    tally->step = grid_step;
+    for (uint32_t r = 0; r < BASES; r++)
+        tally->min[r] = UINT32_MAX;
 }
 
-/* ---- values to words ------------------------------------------------------------------------ */
+/* ---- values to numbers ---------------------------------------------------------------------- */
 
-static void position_words(const float position[3], uint32_t word[3]) {
-    for (int i = 0; i < 3; i++)
-        word[i] = mni_float_ordered(position[i]);
+enum { FACTS = BASE_DELTA, PLACES = BASE_THIRD - BASE_DELTA, SIMPLEX_FIELDS = 4 };
+
+static void fact_numbers(const mni_facts *facts, uint32_t number[FACTS]) {
+    number[BASE_ORDER] = facts->order;
+    number[BASE_SWITCH] = mni_float_bits(facts->switch_value) >> MNI_SWITCH_SHIFT;
+    number[BASE_RADIUS] = mni_float_bits(facts->radius) >> MNI_RADIUS_SHIFT;
+    for (int i = 0; i < 2; i++)
+        number[BASE_AXIS + i] = (uint32_t)(facts->cone.axis[i] + 128);
+    number[BASE_ANGLE] = facts->cone.angle;
 }
 
-static void cone_words(mn_cone cone, uint32_t word[3]) {
-    word[0] = (uint32_t)(cone.axis[0] + 32768);
-    word[1] = (uint32_t)(cone.axis[1] + 32768);
-    word[2] = cone.angle;
-}
-
-static void color_words(bool has_colors, uint32_t color, uint32_t word[4]) {
+/* From BASE_DELTA on. */
+static void place_numbers(const mni_node *node, bool has_colors, float step,
+                          uint32_t number[PLACES]) {
+    for (int i = 0; i < 3; i++) {
+        double steps = ((double)node->right_position[i] - (double)node->at.position[i]) / step;
+        number[i] = (uint32_t)(int32_t)steps + MNI_BIAS;
+    }
     for (int i = 0; i < 4; i++)
-        word[i] = has_colors ? color >> (8 * i) & 255 : 0;
+        number[3 + i] = has_colors ? node->right_color >> (8 * i) & 255 : 0;
 }
 
-enum { KINDS_MAX = 3 * MNI_CHILD_SUBTREE + MNI_CHILD_SUBTREE };
-enum {
-    FACT_WORDS = COL_MID,
-    NODE_WORDS = COL_KINDS + 1 - COL_MID,
-    SUBTREE_WORDS = COL_CORNER - COL_SUB_LO
-};
-
-static void fact_words(const mni_facts *facts, uint32_t word[FACT_WORDS]) {
-    word[COL_ORDER] = facts->order;
-    word[COL_SWITCH] = mni_float_bits(facts->switch_value);
-    word[COL_RADIUS] = mni_float_bits(facts->radius);
-    cone_words(facts->cone, word + COL_CONE);
-}
-
-static void node_words(const mni_node *node, bool has_colors, uint32_t word[NODE_WORDS]) {
-    word[0] = node->leaf_mid;
-    position_words(node->right_position, word + (COL_POSITION - COL_MID));
-    color_words(has_colors, node->right_color, word + (COL_COLOR - COL_MID));
-    word[COL_KINDS - COL_MID] = (uint32_t)node->left.kind * 3 + (uint32_t)node->right.kind;
-}
-
-static void subtree_words(const mni_subtree *s, bool has_colors, uint32_t word[SUBTREE_WORDS]) {
-    word[0] = s->leaf_lo;
-    word[COL_SUB_HI - COL_SUB_LO] = s->leaf_hi;
-    position_words(s->position, word + (COL_SUB_POSITION - COL_SUB_LO));
-    color_words(has_colors, s->color, word + (COL_SUB_COLOR - COL_SUB_LO));
-}
-
-static void corner_words(const uint32_t corner[3], uint32_t word[3]) {
-    uint32_t third = corner[2] == MN_NONE ? corner[0] : corner[2];
-    word[0] = corner[0];
-    word[1] = corner[1] - corner[0] + MNI_BIAS;
-    word[2] = third - corner[0] + MNI_BIAS;
+/* In the order of the fields. */
+static void corner_numbers(const uint32_t corner[3], uint32_t lo, uint32_t mid,
+                           uint32_t number[SIMPLEX_FIELDS]) {
+    uint32_t turn = corner[0] >= mid;
+    number[0] = turn;
+    number[1] = corner[turn] - lo;
+    number[2] = corner[1 - turn] - mid;
+    number[3] = corner[2] == MN_NONE ? MNI_BIAS : corner[2] - mid + MNI_BIAS;
 }
 
 /* ---- the tally ------------------------------------------------------------------------------ */
 
-static void widen(mni_tally *tally, uint32_t column, const uint32_t *word, uint32_t words) {
-    uint32_t *min = tally->min + column, *max = tally->max + column;
-    for (uint32_t i = 0; i < words; i++) {
-        min[i] = word[i] < min[i] ? word[i] : min[i];
-        max[i] = word[i] > max[i] ? word[i] : max[i];
+static void widen(mni_tally *tally, uint32_t range, const uint32_t *number, uint32_t count) {
+    uint32_t *min = tally->min + range, *max = tally->max + range;
+    for (uint32_t i = 0; i < count; i++) {
+        min[i] = number[i] < min[i] ? number[i] : min[i];
+        max[i] = number[i] > max[i] ? number[i] : max[i];
     }
 }
 
 static void tally_facts(mni_tally *tally, const mni_facts *facts) {
-    uint32_t word[FACT_WORDS];
-    fact_words(facts, word);
-    widen(tally, 0, word, FACT_WORDS);
+    uint32_t number[FACTS];
+    fact_numbers(facts, number);
+    widen(tally, BASE_ORDER, number, FACTS);
 }
 
 static void tally_exit(mni_tally *tally, const mni_child *child) {
@@ -97,79 +78,107 @@ static void tally_exit(mni_tally *tally, const mni_child *child) {
     }
 }
 
+static uint32_t lack_of(const mni_node *node) {
+    return node->simplex_count < MNI_INLINE ? MNI_INLINE - node->simplex_count : 0;
+}
+
 void mni_tally_node(mni_tally *tally, const mni_node *node) {
-    uint32_t word[NODE_WORDS];
-    node_words(node, tally->has_colors, word);
-    widen(tally, COL_MID, word, NODE_WORDS);
+    uint32_t number[PLACES], left = node->leaf_mid - node->at.leaf_lo - 1, lack = lack_of(node);
     tally_facts(tally, &node->facts);
+    place_numbers(node, tally->has_colors, tally->step, number);
+    widen(tally, BASE_DELTA, number, PLACES);
+    widen(tally, RANGE_LEFT, &left, 1);
+    widen(tally, RANGE_LACK, &lack, 1);
     tally->nodes++;
+    tally->more += node->simplex_count + lack - MNI_INLINE;
     tally_exit(tally, &node->left);
     tally_exit(tally, &node->right);
     tally->has_overflow |= node->overflow_ref != MN_NONE;
-}
-
-void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree) {
-    uint32_t word[SUBTREE_WORDS];
-    subtree_words(subtree, tally->has_colors, word);
-    widen(tally, COL_SUB_LO, word, SUBTREE_WORDS);
-    tally->subtrees++;
+    tally->leaf_lo = node->at.leaf_lo;
+    tally->leaf_mid = node->leaf_mid;
 }
 
 void mni_tally_simplex(mni_tally *tally, const uint32_t corner[3]) {
-    uint32_t word[3];
-    corner_words(corner, word);
-    widen(tally, COL_CORNER, word, 3);
-    tally->simplices++;
+    uint32_t number[SIMPLEX_FIELDS];
+    corner_numbers(corner, tally->leaf_lo, tally->leaf_mid, number);
+    widen(tally, RANGE_A, number + 1, 2);
+    widen(tally, BASE_THIRD, number + 3, 1);
+}
+
+void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree) {
+    uint32_t size = subtree->leaf_hi - subtree->leaf_lo - 2;
+    widen(tally, BASE_LO, &subtree->leaf_lo, 1);
+    widen(tally, RANGE_SIZE, &size, 1);
+    tally->subtrees++;
 }
 
 void mni_tally_merge(mni_tally *tally, const mni_tally *other) {
     tally->nodes += other->nodes;
     tally->subtrees += other->subtrees;
     tally->exits += other->exits;
-    tally->simplices += other->simplices;
+    tally->more += other->more;
     tally->has_overflow |= other->has_overflow;
-    for (uint32_t c = 0; c < COL_END; c++) {
-        tally->min[c] = other->min[c] < tally->min[c] ? other->min[c] : tally->min[c];
-        tally->max[c] = other->max[c] > tally->max[c] ? other->max[c] : tally->max[c];
+    for (uint32_t r = 0; r < RANGES; r++) {
+        tally->min[r] = other->min[r] < tally->min[r] ? other->min[r] : tally->min[r];
+        tally->max[r] = other->max[r] > tally->max[r] ? other->max[r] : tally->max[r];
     }
 }
 
-static uint32_t column_width(const mni_tally *tally, uint32_t refs, uint32_t column) {
-    switch (column) {
-    case COL_KINDS: /* of a fixed width, as kinds change while a block is filled */
-        return tally->nodes > 0 ? mni_bits(KINDS_MAX) : 0;
-    case COL_RIGHT:
-    case COL_SUB_NODE:
-        return mni_bits(tally->nodes);
-    case COL_EXIT:
-    case COL_EXIT_SUBTREE: /* a child block's subtrees all hang from this one */
-        return mni_bits(tally->exits);
-    case COL_OVERFLOW:
-        return tally->has_overflow ? mni_bits(refs) : 0;
-    case COL_SIMPLEX_FIRST:
-        return mni_bits(tally->simplices);
-    case COL_EXIT_REF:
-        return mni_bits(refs);
-    default:
-        return tally->min[column] < tally->max[column]
-                   ? mni_bits(tally->max[column] - tally->min[column])
-                   : 0;
-    }
+static uint32_t range_width(const mni_tally *t, uint32_t range) {
+    return t->min[range] < t->max[range] ? mni_bits(t->max[range] - t->min[range]) : 0;
+}
+
+/* Widths of the fields before each edge become the edges. */
+static uint32_t edges_of(const uint32_t *width, uint32_t fields, uint32_t from, uint16_t *edge) {
+    edge[0] = (uint16_t)from;
+    for (uint32_t f = 0; f < fields; f++)
+        edge[f + 1] = (uint16_t)(edge[f] + width[f]);
+    return edge[fields];
+}
+
+static uint32_t simplex_edges(const mni_tally *t, uint16_t *edge) {
+    const uint32_t width[SIMPLEX_FIELDS] = {1, range_width(t, RANGE_A), range_width(t, RANGE_B),
+                                            range_width(t, BASE_THIRD)};
+    return edges_of(width, SIMPLEX_FIELDS, 0, edge);
+}
+
+/* Returns what the rows take. */
+static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS]) {
+    uint32_t node[FIELD_NODE_END];
+    bool exits = t->exits > 0;
+    for (uint32_t i = 0; i < FACTS; i++)
+        node[FIELD_ORDER + i] = range_width(t, BASE_ORDER + i);
+    node[FIELD_LEFT] = range_width(t, RANGE_LEFT);
+    for (uint32_t i = 0; i < PLACES; i++)
+        node[FIELD_DELTA + i] = range_width(t, BASE_DELTA + i);
+    node[FIELD_EXITS] = exits ? 2 : 0;
+    node[FIELD_RIGHT] = exits ? mni_bits(t->nodes) : 0;
+    node[FIELD_EXIT] = mni_bits(t->exits);
+    node[FIELD_OVERFLOW] = t->has_overflow ? mni_bits(refs) : 0;
+    node[FIELD_LACK] = range_width(t, RANGE_LACK);
+    node[FIELD_MORE] = mni_bits(t->more);
+    /* a child block's subtrees all hang from this one */
+    const uint32_t exit[] = {mni_bits(refs), mni_bits(t->exits)};
+    const uint32_t subtree[] = {mni_bits(t->nodes), range_width(t, BASE_LO),
+                                range_width(t, RANGE_SIZE)};
+    uint32_t simplex_bits = simplex_edges(t, edge + FIELD_TURN);
+    uint32_t node_bits = edges_of(node, FIELD_NODE_END, 0, edge) + MNI_INLINE * simplex_bits;
+    uint32_t exit_bits = edges_of(exit, 2, edge[FIELD_LEFT], edge + FIELD_REF);
+    uint32_t subtree_bits = edges_of(subtree, 3, 0, edge + FIELD_NODE);
+    return mni_row_bytes(t->nodes, node_bits) + mni_row_bytes(t->exits, exit_bits) +
+           mni_row_bytes(t->subtrees, subtree_bits) + mni_row_bytes(t->more, simplex_bits);
 }
 
 uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs) {
-    mni_block counts; /* the counts alone, for mni_column_rows */
-    counts.nodes = tally->nodes;
-    counts.subtrees = tally->subtrees;
-    counts.simplices = tally->simplices;
-    counts.exits = tally->exits;
-    uint64_t bytes = mni_frame_payload_at(refs) + MNI_HEAD_BYTES;
-    for (uint32_t c = 0; c < COL_END; c++)
-        bytes += mni_column_bytes(mni_column_rows(&counts, c), column_width(tally, refs, c));
-    return bytes;
+    uint16_t edge[FIELDS];
+    return mni_frame_payload_at(refs) + MNI_HEAD_BYTES + lay_out(tally, refs, edge);
 }
 
 /* ---- the bytes ------------------------------------------------------------------------------ */
+
+static uint32_t base_of(const mni_tally *tally, uint32_t range) {
+    return tally->min[range] <= tally->max[range] ? tally->min[range] : 0;
+}
 
 void mni_encoder_begin(mni_encoder *encoder, void *bytes, uint32_t length_bytes,
                        const mni_tally *tally, uint32_t refs) {
@@ -178,136 +187,170 @@ void mni_encoder_begin(mni_encoder *encoder, void *bytes, uint32_t length_bytes,
     memset(encoder, 0, sizeof *encoder);
     encoder->tally = *tally;
     uint8_t *payload = (uint8_t *)bytes + mni_frame_payload_at(refs);
-    uint32_t head[5] = {tally->nodes, tally->subtrees, tally->exits, tally->simplices,
+    uint32_t head[5] = {tally->nodes, tally->subtrees, tally->exits, tally->more,
                         tally->has_colors ? MNI_FLAG_COLORS : 0};
+    uint32_t base[BASES];
+    uint16_t edge[FIELDS];
+    for (uint32_t b = 0; b < BASES; b++)
+        base[b] = base_of(tally, b);
+    lay_out(tally, refs, edge);
     memcpy(payload, head, sizeof head);
-    for (uint32_t c = 0; c < COL_END; c++) {
-        uint32_t width = column_width(tally, refs, c);
-        uint32_t base = is_range_column(c) && tally->min[c] <= tally->max[c] ? tally->min[c] : 0;
-        payload[MNI_HEAD_WIDTH + c] = (uint8_t)width;
-        memcpy(payload + MNI_HEAD_BASE + 4 * c, &base, sizeof base);
-    }
+    memcpy(payload + MNI_HEAD_STEP, &tally->step, sizeof tally->step);
+    memcpy(payload + MNI_HEAD_BASE, base, sizeof base);
+    memcpy(payload + MNI_HEAD_EDGE, edge, sizeof edge);
     mni_block_layout(&encoder->view, payload);
 }
 
-static void put(mni_encoder *encoder, uint32_t column, uint32_t row, const uint32_t *word,
-                uint32_t words) {
-    for (uint32_t i = 0; i < words; i++) {
-        const mni_column *c = &encoder->view.column[column + i];
-        uint32_t value = word[i] - c->base;
-        MN_ASSERT(mni_bits(value) <= c->width);
-        mni_column_put((uint8_t *)(uintptr_t)c->bits, c->width, row, value);
+/* Numbers into the fields from f on, of a row that begins at that bit. */
+static void put(const uint8_t *edge, const uint8_t *rows, uint64_t row, uint32_t f,
+                const uint32_t *number, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t from = mni_edge(edge, f + i);
+        MN_ASSERT(mni_bits(number[i]) <= mni_edge(edge, f + i + 1) - from);
+        mni_bits_put((uint8_t *)(uintptr_t)rows, row + from, number[i]);
     }
 }
 
-static void put_facts(mni_encoder *encoder, uint32_t row, const mni_facts *facts) {
-    uint32_t word[FACT_WORDS];
-    fact_words(facts, word);
-    put(encoder, 0, row, word, FACT_WORDS);
+static void put_based(const mni_encoder *e, const uint8_t *rows, uint64_t row, uint32_t f,
+                      uint32_t base, uint32_t *number, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++)
+        number[i] -= mni_base(e->view.base, base + i);
+    put(e->view.edge, rows, row, f, number, count);
 }
 
-static void put_exit(mni_encoder *encoder, const mni_child *child) {
+static void put_facts(const mni_encoder *e, const uint8_t *rows, uint64_t row,
+                      const mni_facts *facts) {
+    uint32_t number[FACTS];
+    MN_ASSERT(mni_switch_up(facts->switch_value) == facts->switch_value);
+    MN_ASSERT(mni_radius_up(facts->radius) == facts->radius);
+    fact_numbers(facts, number);
+    put_based(e, rows, row, FIELD_ORDER, BASE_ORDER, number, FACTS);
+}
+
+static void put_exit(mni_encoder *e, const mni_child *child) {
     if (child->kind != MNI_CHILD_SUBTREE)
         return;
-    put_facts(encoder, encoder->tally.nodes + encoder->exits, &child->facts);
-    put(encoder, COL_EXIT_REF, encoder->exits, &child->ref, 1);
-    put(encoder, COL_EXIT_SUBTREE, encoder->exits, &child->subtree, 1);
-    encoder->exits++;
+    uint64_t row = (uint64_t)e->exits++ * e->view.exit_bits;
+    put_facts(e, e->view.exit_rows, row, &child->facts);
+    put(e->view.edge, e->view.exit_rows, row, FIELD_REF, (uint32_t[]){child->ref, child->subtree},
+        2);
 }
 
-void mni_encoder_node(mni_encoder *encoder, const mni_node *node) {
-    uint32_t row = encoder->nodes++, word[NODE_WORDS];
-    MN_ASSERT(row < encoder->tally.nodes);
-    MN_ASSERT(node->left.kind != MNI_CHILD_INNER || node->left.node == row + 1);
-    node_words(node, encoder->tally.has_colors, word);
-    put_facts(encoder, row, &node->facts);
-    put(encoder, COL_MID, row, word, NODE_WORDS);
-    uint32_t right = node->right.kind == MNI_CHILD_INNER ? node->right.node - row : 0;
-    uint32_t overflow = node->overflow_ref + 1; /* MN_NONE + 1 is 0 */
-    put(encoder, COL_RIGHT, row, &right, 1);
-    put(encoder, COL_EXIT, row, &encoder->exits, 1);
-    put(encoder, COL_OVERFLOW, row, &overflow, 1);
-    put_exit(encoder, &node->left);
-    put_exit(encoder, &node->right);
-    encoder->killed += node->simplex_count;
-    put(encoder, COL_SIMPLEX_FIRST, row + 1, &encoder->killed, 1); /* row 0 holds 0 */
+void mni_encoder_node(mni_encoder *e, const mni_node *node) {
+    MN_ASSERT(e->nodes < e->tally.nodes && e->last.simplex_count == e->placed);
+    MN_ASSERT(node->left.kind != MNI_CHILD_INNER || node->left.node == e->nodes + 1);
+    const uint8_t *rows = e->view.node_rows;
+    uint64_t row = (uint64_t)e->nodes * e->view.node_bits;
+    uint32_t number[PLACES], left = node->leaf_mid - node->at.leaf_lo - 1;
+    bool exits = e->tally.exits > 0;
+    put_facts(e, rows, row, &node->facts);
+    put(e->view.edge, rows, row, FIELD_LEFT, &left, 1);
+    place_numbers(node, e->tally.has_colors, e->tally.step, number);
+    put_based(e, rows, row, FIELD_DELTA, BASE_DELTA, number, PLACES);
+    const uint32_t rest[] = {
+        (uint32_t)(node->left.kind == MNI_CHILD_SUBTREE) +
+            2 * (uint32_t)(node->right.kind == MNI_CHILD_SUBTREE),
+        exits && node->right.kind == MNI_CHILD_INNER ? node->right.node - e->nodes : 0,
+        e->exits,
+        node->overflow_ref + 1, /* MN_NONE + 1 is 0 */
+        lack_of(node),
+        e->more};
+    put(e->view.edge, rows, row, FIELD_EXITS, rest, sizeof rest / sizeof rest[0]);
+    put_exit(e, &node->left);
+    put_exit(e, &node->right);
+    e->nodes++;
+    e->last = *node;
+    e->placed = 0;
 }
 
-void mni_encoder_subtree(mni_encoder *encoder, const mni_subtree *subtree) {
-    uint32_t row = encoder->subtrees++, word[SUBTREE_WORDS];
-    MN_ASSERT(row < encoder->tally.subtrees);
-    subtree_words(subtree, encoder->tally.has_colors, word);
-    put(encoder, COL_SUB_NODE, row, &subtree->node, 1);
-    put(encoder, COL_SUB_LO, row, word, SUBTREE_WORDS);
+void mni_encoder_simplex(mni_encoder *e, const uint32_t corner[3]) {
+    uint32_t number[SIMPLEX_FIELDS], i = e->placed++;
+    MN_ASSERT(e->nodes > 0 && i < e->last.simplex_count);
+    const uint8_t *rows = e->view.node_rows, *edge = e->view.edge + 2 * (size_t)FIELD_TURN;
+    uint64_t at =
+        (uint64_t)e->nodes * e->view.node_bits - (uint64_t)(MNI_INLINE - i) * e->view.simplex_bits;
+    if (i >= MNI_INLINE) {
+        rows = e->view.more_rows;
+        at = (uint64_t)e->more++ * e->view.simplex_bits;
+    }
+    corner_numbers(corner, e->last.at.leaf_lo, e->last.leaf_mid, number);
+    number[3] -= mni_base(e->view.base, BASE_THIRD);
+    put(edge, rows, at, 0, number, SIMPLEX_FIELDS);
 }
 
-void mni_encoder_simplex(mni_encoder *encoder, const uint32_t corner[3]) {
-    uint32_t row = encoder->simplices++, word[3];
-    MN_ASSERT(row < encoder->tally.simplices);
-    corner_words(corner, word);
-    put(encoder, COL_CORNER, row, word, 3);
+void mni_encoder_subtree(mni_encoder *e, const mni_subtree *subtree) {
+    uint64_t row = (uint64_t)e->subtrees++ * e->view.subtree_bits;
+    MN_ASSERT(e->subtrees <= e->tally.subtrees);
+    const uint32_t number[] = {subtree->node, subtree->leaf_lo - mni_base(e->view.base, BASE_LO),
+                               subtree->leaf_hi - subtree->leaf_lo - 2};
+    put(e->view.edge, e->view.subtree_rows, row, FIELD_NODE, number, 3);
 }
 
-void mni_encoder_end(mni_encoder *encoder) {
-    MN_ASSERT(encoder->nodes == encoder->tally.nodes);
-    MN_ASSERT(encoder->subtrees == encoder->tally.subtrees);
-    MN_ASSERT(encoder->exits == encoder->tally.exits);
-    MN_ASSERT(encoder->simplices == encoder->tally.simplices);
-    MN_ASSERT(encoder->killed == encoder->simplices);
+void mni_encoder_end(mni_encoder *e) {
+    MN_ASSERT(e->nodes == e->tally.nodes);
+    MN_ASSERT(e->subtrees == e->tally.subtrees);
+    MN_ASSERT(e->exits == e->tally.exits);
+    MN_ASSERT(e->more == e->tally.more);
+    MN_ASSERT(e->placed == e->last.simplex_count);
 }
 
 /* ---- overflow blocks ------------------------------------------------------------------------ */
 
-static uint64_t overflow_bytes(const mni_tally *t, uint32_t refs) {
-    uint64_t bytes = mni_frame_payload_at(refs) + MNI_OVERFLOW_HEAD_BYTES;
-    for (uint32_t c = COL_CORNER; c < COL_END; c++)
-        bytes += mni_column_bytes(t->simplices, column_width(t, refs, c));
-    return bytes;
+static void overflow_tally(mni_tally *tally, const mni_overflow *head) {
+    mni_tally_init(tally, false, 0);
+    tally->leaf_lo = head->leaf_lo;
+    tally->leaf_mid = head->leaf_mid;
 }
 
-uint32_t mni_overflow_fit(const uint32_t *corner, uint32_t count, uint32_t length_bytes) {
+static uint64_t overflow_bytes(const mni_tally *t, uint32_t count, uint32_t refs) {
+    uint16_t edge[SIMPLEX_FIELDS + 1];
+    return mni_frame_payload_at(refs) + MNI_OVERFLOW_HEAD_BYTES +
+           mni_row_bytes(count, simplex_edges(t, edge));
+}
+
+uint32_t mni_overflow_fit(const mni_overflow *head, const uint32_t *corner, uint32_t count,
+                          uint32_t length_bytes) {
     mni_tally tally;
-    mni_tally_init(&tally, false);
+    overflow_tally(&tally, head);
     for (uint32_t i = 0; i < count; i++) {
         mni_tally_simplex(&tally, corner + 3 * (size_t)i);
-        if (overflow_bytes(&tally, 1) + MNI_BLOCK_TAIL_BYTES > length_bytes)
+        if (overflow_bytes(&tally, i + 1, 1) + MNI_BLOCK_TAIL_BYTES > length_bytes)
             return i;
     }
     return count;
 }
 
-static void overflow_tally(const uint32_t *corner, uint32_t count, mni_tally *tally) {
-    mni_tally_init(tally, false);
-    for (uint32_t i = 0; i < count; i++)
-        mni_tally_simplex(tally, corner + 3 * (size_t)i);
-}
-
-uint32_t mni_overflow_bytes(const uint32_t *corner, uint32_t count, uint32_t refs) {
+uint32_t mni_overflow_bytes(const mni_overflow *head, const uint32_t *corner, uint32_t count,
+                            uint32_t refs) {
     mni_tally tally;
-    overflow_tally(corner, count, &tally);
-    return (uint32_t)overflow_bytes(&tally, refs);
+    overflow_tally(&tally, head);
+    for (uint32_t i = 0; i < count; i++)
+        mni_tally_simplex(&tally, corner + 3 * (size_t)i);
+    return (uint32_t)overflow_bytes(&tally, count, refs);
 }
 
 uint32_t mni_overflow_encode(void *bytes, uint32_t length_bytes, uint32_t refs,
                              const mni_overflow *head, const uint32_t *corner, uint32_t count) {
     mni_tally tally;
-    overflow_tally(corner, count, &tally);
-    uint64_t end = overflow_bytes(&tally, refs);
+    overflow_tally(&tally, head);
+    for (uint32_t i = 0; i < count; i++)
+        mni_tally_simplex(&tally, corner + 3 * (size_t)i);
+    uint64_t end = overflow_bytes(&tally, count, refs);
     MN_ASSERT(count > 0 && end + MNI_BLOCK_TAIL_BYTES <= length_bytes);
     memset(bytes, 0, length_bytes);
     uint8_t *payload = (uint8_t *)bytes + mni_frame_payload_at(refs);
-    uint32_t words[8] = {head->order, head->leaf_lo, head->leaf_mid, head->leaf_hi, count};
-    memcpy(words + 5, tally.min + COL_CORNER, 3 * sizeof words[0]);
+    uint32_t words[6] = {head->order,   head->leaf_lo, head->leaf_mid,
+                         head->leaf_hi, count,         base_of(&tally, BASE_THIRD)};
+    uint16_t edge[SIMPLEX_FIELDS + 1];
+    uint32_t row = simplex_edges(&tally, edge);
     memcpy(payload, words, sizeof words);
-    uint8_t *bits = payload + MNI_OVERFLOW_HEAD_BYTES;
-    for (uint32_t c = 0; c < 3; c++) {
-        uint32_t width = column_width(&tally, refs, COL_CORNER + c), word[3];
-        payload[sizeof words + c] = (uint8_t)width;
-        for (uint32_t i = 0; i < count; i++) {
-            corner_words(corner + 3 * (size_t)i, word);
-            mni_column_put(bits, width, i, word[c] - tally.min[COL_CORNER + c]);
-        }
-        bits += mni_column_bytes(count, width);
+    memcpy(payload + MNI_OVERFLOW_EDGE, edge, sizeof edge);
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t number[SIMPLEX_FIELDS];
+        corner_numbers(corner + 3 * (size_t)i, head->leaf_lo, head->leaf_mid, number);
+        number[3] -= words[5];
+        put(payload + MNI_OVERFLOW_EDGE, payload + MNI_OVERFLOW_HEAD_BYTES, (uint64_t)i * row, 0,
+            number, SIMPLEX_FIELDS);
     }
     return (uint32_t)end;
 }

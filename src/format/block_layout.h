@@ -1,13 +1,20 @@
-/* The columns of a block, and how values become the 32-bit words that stand in them. Shared by the
- * decoder (block.c), the checker (block_check.c) and the encoder (block_encode.c); nobody else.
+/* The rows of a block, and how values become the numbers that stand in them. Shared by the decoder
+ * (block.c), the checker (block_check.c) and the encoder (block_encode.c); nobody else.
  *
- *   head   0  nodes, subtrees, exits, simplices   4 × u32
- *         16  flags                               u32   bit 0: colours
- *         20  zero                                u32
- *         24  base of each column                 34 × u32
- *        160  width of each column                34 × u8, bits
- *        196  columns, one after the other, each from a whole byte on; value i in bits
- *             [i × width, (i + 1) × width), least significant first, base added modulo 2^32
+ *   head   0  nodes, subtrees, exits, more      4 × u32   more: simplices past two of a node
+ *         16  flags                             u32       bit 0: colours
+ *         20  step of the grid                  f32
+ *         24  bases                             15 × u32
+ *         84  edges                             33 × u16, then two bytes 0
+ *        152  node rows | exit rows | subtree rows | more rows, each kind from a whole byte on
+ *
+ * Row i of a kind stands in bits [i × row, (i + 1) × row), least significant first; field f in bits
+ * [edge f, edge f + 1) of its row. What belongs to a node lies in one or two lines of the cache:
+ *
+ *   node row     facts | left … more | simplex | simplex
+ *   exit row     facts | ref | subtree
+ *   subtree row  node | lo | size
+ *   more row     simplex
  */
 #ifndef MNI_BLOCK_LAYOUT_H
 #define MNI_BLOCK_LAYOUT_H
@@ -18,72 +25,116 @@
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "files are little-endian, and so are we");
 
-enum { MNI_HEAD_BYTES = 196, MNI_HEAD_BASE = 24, MNI_HEAD_WIDTH = 160, MNI_FLAG_COLORS = 1 };
-enum { MNI_OVERFLOW_HEAD_BYTES = 40 };
-
-enum mni_column_id {
-    /* facts: a row a node, then a row an exit */
-    COL_ORDER = 0,
-    COL_SWITCH, /* floats that are not negative: their bits */
-    COL_RADIUS,
-    COL_CONE,          /* 3: axis + 32768, twice; angle */
-    COL_MID = 6,       /* a row a node */
-    COL_POSITION = 7,  /* 3: floats in an order-preserving code */
-    COL_COLOR = 10,    /* 4: R, G, B, A */
-    COL_KINDS = 14,    /* left kind × 3 + right kind */
-    COL_RIGHT,         /* INNER right child: its index - this one's; otherwise 0 */
-    COL_EXIT,          /* exits of the nodes before this one */
-    COL_OVERFLOW,      /* 1 + reference of the first overflow block; 0: none */
-    COL_SIMPLEX_FIRST, /* a row a node, and one more */
-    COL_EXIT_REF,      /* a row an exit */
-    COL_EXIT_SUBTREE,
-    COL_SUB_NODE, /* a row a subtree */
-    COL_SUB_LO,
-    COL_SUB_HI,
-    COL_SUB_POSITION,   /* 3 */
-    COL_SUB_COLOR = 27, /* 4 */
-    COL_CORNER = 31,    /* a row a simplex: first corner; second - first and third - first, each
-                           + 2^31; a hinge's third equals its first */
-    COL_END = 34
+enum {
+    MNI_HEAD_STEP = 20,
+    MNI_HEAD_BASE = 24,
+    MNI_HEAD_EDGE = 84,
+    MNI_HEAD_BYTES = 152,
+    MNI_FLAG_COLORS = 1,
+    MNI_OVERFLOW_BASE = 20,
+    MNI_OVERFLOW_EDGE = 24,
+    MNI_OVERFLOW_HEAD_BYTES = 36,
+    MNI_INLINE = 2, /* simplices in a node's own row: what nearly every collapse kills */
 };
-_Static_assert((int)COL_END == (int)MNI_BLOCK_COLUMNS, "the decoder's table holds every column");
+
+/* Each kind of row ends with an edge more than it has fields. */
+enum mni_field_id {
+    /* facts: of a node row, and of an exit row */
+    FIELD_ORDER = 0,
+    FIELD_SWITCH, /* bits of the float, but for the last ones, which are 0 */
+    FIELD_RADIUS,
+    FIELD_AXIS, /* 2: + 128 */
+    FIELD_ANGLE = 5,
+    /* the rest of a node row */
+    FIELD_LEFT,       /* leaves of the left child, less one */
+    FIELD_DELTA,      /* 3: from its position to the right child's, in steps, + 2^31 */
+    FIELD_COLOR = 10, /* 4: of the right child: R, G, B, A */
+    FIELD_EXITS = 14, /* bit 0: the left child is an exit; bit 1: the right one */
+    FIELD_RIGHT,      /* INNER right child: its index - this one's; otherwise 0 */
+    FIELD_EXIT,       /* exits of the nodes before this one */
+    FIELD_OVERFLOW,   /* 1 + reference of the first overflow block; 0: none */
+    FIELD_LACK,       /* places for simplices in this row that are empty */
+    FIELD_MORE,       /* `more` simplices of the nodes before this one */
+    FIELD_NODE_END,
+    /* a simplex */
+    FIELD_TURN,  /* 0: its corner in the left child comes first; 1: that in the right child */
+    FIELD_A,     /* corner in the left child - leaf_lo */
+    FIELD_B,     /* corner in the right child - leaf_mid */
+    FIELD_THIRD, /* third corner - leaf_mid + 2^31; a hinge: 2^31 */
+    FIELD_SIMPLEX_END,
+    /* the rest of an exit row: its first edge is that of FIELD_LEFT */
+    FIELD_REF,
+    FIELD_SUBTREE,
+    FIELD_EXIT_END,
+    /* a subtree row */
+    FIELD_NODE,
+    FIELD_LO,
+    FIELD_SIZE, /* leaves, less two */
+    FIELD_SUBTREE_END,
+    FIELDS
+};
+
+/* Fields whose values count from the least of the block. */
+enum mni_base_id {
+    BASE_ORDER = 0,
+    BASE_SWITCH,
+    BASE_RADIUS,
+    BASE_AXIS,
+    BASE_ANGLE = 5,
+    BASE_DELTA,
+    BASE_COLOR = 9,
+    BASE_THIRD = 13,
+    BASE_LO,
+    BASES
+};
+_Static_assert(MNI_HEAD_BASE + 4 * BASES == MNI_HEAD_EDGE, "bases, then edges");
+_Static_assert(MNI_HEAD_EDGE + 2 * FIELDS <= MNI_HEAD_BYTES, "edges, then rows");
 
 #define MNI_BIAS 0x80000000u
 
-static inline uint32_t mni_column_rows(const mni_block *v, uint32_t column) {
-    if (column < COL_MID)
-        return v->nodes + v->exits;
-    if (column < COL_SIMPLEX_FIRST)
-        return v->nodes;
-    if (column == COL_SIMPLEX_FIRST)
-        return v->nodes + 1;
-    if (column < COL_SUB_NODE)
-        return v->exits;
-    return column < COL_CORNER ? v->subtrees : v->simplices;
-}
-
-static inline uint64_t mni_column_bytes(uint64_t rows, uint32_t width) {
-    return (rows * width + 7) / 8;
-}
+/* Floats of the facts have so many bits after the leading one; an exponent has 8. */
+enum { MNI_SWITCH_MANTISSA = 5, MNI_RADIUS_MANTISSA = 4 };
+enum { MNI_SWITCH_SHIFT = 23 - MNI_SWITCH_MANTISSA, MNI_RADIUS_SHIFT = 23 - MNI_RADIUS_MANTISSA };
 
 /* Bits that hold every value up to max. */
 static inline uint32_t mni_bits(uint32_t max) {
     return max == 0 ? 0 : 32 - (uint32_t)__builtin_clz(max);
 }
 
-/* Reads 8 bytes from the value's first byte on: MNI_BLOCK_TAIL_BYTES keep that inside the block. */
-static inline uint32_t mni_column_get(const mni_column *c, uint32_t row) {
-    uint64_t at = (uint64_t)row * c->width, word;
-    memcpy(&word, c->bits + (at >> 3), sizeof word);
-    return c->base + (uint32_t)((word >> (at & 7)) & ((1ull << c->width) - 1));
+static inline uint64_t mni_row_bytes(uint64_t rows, uint32_t bits) {
+    return (rows * bits + 7) / 8;
 }
 
-/* bits: zeroed. value - base must fit the width. */
-static inline void mni_column_put(uint8_t *bits, uint32_t width, uint32_t row, uint32_t value) {
-    uint64_t at = (uint64_t)row * width, word;
-    memcpy(&word, bits + (at >> 3), sizeof word);
+/* Reads 8 bytes from the value's first byte on: MNI_BLOCK_TAIL_BYTES keep that inside the block.
+ * So a value, or neighbours read at once, may have 57 bits. */
+static inline uint64_t mni_bits_at(const uint8_t *rows, uint64_t at) {
+    uint64_t word;
+    memcpy(&word, rows + (at >> 3), sizeof word);
+    return word >> (at & 7);
+}
+
+static inline uint32_t mni_bits_get(const uint8_t *rows, uint64_t at, uint32_t width) {
+    return (uint32_t)(mni_bits_at(rows, at) & ((UINT64_C(1) << width) - 1));
+}
+
+/* rows: zeroed there. value must fit the width it is given. */
+static inline void mni_bits_put(uint8_t *rows, uint64_t at, uint32_t value) {
+    uint64_t word;
+    memcpy(&word, rows + (at >> 3), sizeof word);
     word |= (uint64_t)value << (at & 7);
-    memcpy(bits + (at >> 3), &word, sizeof word);
+    memcpy(rows + (at >> 3), &word, sizeof word);
+}
+
+static inline uint32_t mni_edge(const uint8_t *edge, uint32_t field) {
+    uint16_t value;
+    memcpy(&value, edge + 2 * (size_t)field, sizeof value);
+    return value;
+}
+
+static inline uint32_t mni_base(const uint8_t *base, uint32_t id) {
+    uint32_t value;
+    memcpy(&value, base + 4 * (size_t)id, sizeof value);
+    return value;
 }
 
 static inline uint32_t mni_float_bits(float f) {
@@ -98,18 +149,7 @@ static inline float mni_float_of(uint32_t u) {
     return f;
 }
 
-/* Order-preserving code of any float: neighbours in space get neighbouring words. */
-static inline uint32_t mni_float_ordered(float f) {
-    uint32_t u = mni_float_bits(f);
-    return u & MNI_BIAS ? ~u : u | MNI_BIAS;
-}
-
-static inline float mni_float_unordered(uint32_t u) {
-    return mni_float_of(u & MNI_BIAS ? u & ~MNI_BIAS : ~u);
-}
-
-/* Decodes the head and sets the columns' places; no checks. Returns where the columns end,
- * counted from the payload's beginning. */
+/* Decodes the head; no checks. Returns where the rows end, counted from the payload's beginning. */
 uint64_t mni_block_layout(mni_block *view, const uint8_t *payload);
 
 #endif

@@ -1,20 +1,20 @@
-/* Normal cones in 48 bits, rounded outwards.
+/* What decides about a node, in few bits, rounded outwards: normal cones in 24, lengths.
  *
- * Hides: the octahedral code, and by how much rounding widens a cone. Order of calls: none, pure
- * functions, any thread, no memory. What is compared is always decoded cones, so a cone that was
- * made or merged here encloses what it was made from exactly as readers will see it. Paper: §3.1
- * (normal cones decide about silhouettes and back faces). */
+ * Hides: the octahedral code, how many bits of a length are kept, and by how much rounding widens a
+ * cone. Order of calls: none, pure functions, any thread, no memory. What is compared is always
+ * decoded cones, so a cone that was made or merged here encloses what it was made from exactly as
+ * readers will see it. Paper: §3.1 (normal cones decide about silhouettes and back faces). */
 #include "metanode/format.h"
 
 #include <math.h>
 
-#include "block.h"
+#include "block_layout.h"
 
-#define UNITS 32767.0      /* of an axis coordinate */
-#define ANGLE_UNITS 65535u /* [0, ANGLE_UNITS] is [0, pi]; the last one also says "no bound" */
+#define UNITS ((double)MN_CONE_AXIS) /* of an axis coordinate */
 #define PI 3.14159265358979323846
+#define ANGLE_UNIT (PI / 2 / MN_CONE_NO_BOUND)
 
-static void decode(const int16_t code[2], double axis[3]) {
+static void decode(const int8_t code[2], double axis[3]) {
     double x = code[0] / UNITS, y = code[1] / UNITS;
     double z = 1 - fabs(x) - fabs(y);
     if (z < 0) { /* the lower half is folded outwards over the diagonals */
@@ -28,7 +28,7 @@ static void decode(const int16_t code[2], double axis[3]) {
     axis[2] = z / length;
 }
 
-static void encode(const double axis[3], int16_t code[2]) {
+static void encode(const double axis[3], int8_t code[2]) {
     double sum = fabs(axis[0]) + fabs(axis[1]) + fabs(axis[2]);
     double x = axis[0] / sum, y = axis[1] / sum;
     if (axis[2] < 0) {
@@ -36,8 +36,8 @@ static void encode(const double axis[3], int16_t code[2]) {
         y = (1 - fabs(x)) * (y >= 0 ? 1 : -1);
         x = folded;
     }
-    code[0] = (int16_t)lrint(x * UNITS);
-    code[1] = (int16_t)lrint(y * UNITS);
+    code[0] = (int8_t)lrint(x * UNITS);
+    code[1] = (int8_t)lrint(y * UNITS);
 }
 
 /* Of unit vectors; exact near 0 and pi, where acos is not. */
@@ -47,17 +47,17 @@ static double angle_between(const double u[3], const double v[3]) {
                  u[0] * v[0] + u[1] * v[1] + u[2] * v[2]);
 }
 
-static double half_angle(uint16_t units) {
-    return units * (PI / ANGLE_UNITS);
+static double half_angle(uint8_t units) {
+    return units == MN_CONE_NO_BOUND ? PI : units * ANGLE_UNIT;
 }
 
-static uint16_t angle_up(double angle) {
-    double units = ceil(angle * (ANGLE_UNITS / PI));
-    return units >= 0 && units < ANGLE_UNITS ? (uint16_t)units : (uint16_t)ANGLE_UNITS;
+static uint8_t angle_up(double angle) {
+    double units = ceil(angle / ANGLE_UNIT);
+    return units >= 0 && units < MN_CONE_NO_BOUND ? (uint8_t)units : (uint8_t)MN_CONE_NO_BOUND;
 }
 
 bool mni_cone_encloses(mn_cone outer, mn_cone inner, double slack_rad) {
-    if (outer.angle == ANGLE_UNITS)
+    if (outer.angle == MN_CONE_NO_BOUND)
         return true;
     double u[3], v[3];
     decode(outer.axis, u);
@@ -66,7 +66,7 @@ bool mni_cone_encloses(mn_cone outer, mn_cone inner, double slack_rad) {
 }
 
 mn_cone mn_cone_make(const float axis[3], float half_angle_rad) {
-    const mn_cone everything = {{0, 0}, ANGLE_UNITS};
+    const mn_cone everything = {{0, 0}, MN_CONE_NO_BOUND};
     double u[3] = {axis[0], axis[1], axis[2]};
     double length = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
     if (!(length > 0) || !isfinite(length) || !(half_angle_rad >= 0))
@@ -78,7 +78,7 @@ mn_cone mn_cone_make(const float axis[3], float half_angle_rad) {
     double v[3];
     decode(cone.axis, v);
     cone.angle = angle_up(half_angle_rad + angle_between(u, v));
-    return cone.angle == ANGLE_UNITS ? everything : cone;
+    return cone.angle == MN_CONE_NO_BOUND ? everything : cone;
 }
 
 void mn_cone_axis(mn_cone cone, float axis[3]) {
@@ -112,8 +112,8 @@ static void turn(const double u[3], const double v[3], double angle, double out[
 }
 
 mn_cone mn_cone_merge(mn_cone a, mn_cone b) {
-    const mn_cone everything = {{0, 0}, ANGLE_UNITS};
-    if (a.angle == ANGLE_UNITS || b.angle == ANGLE_UNITS)
+    const mn_cone everything = {{0, 0}, MN_CONE_NO_BOUND};
+    if (a.angle == MN_CONE_NO_BOUND || b.angle == MN_CONE_NO_BOUND)
         return everything;
     if (mni_cone_encloses(a, b, 0))
         return a;
@@ -132,8 +132,28 @@ mn_cone mn_cone_merge(mn_cone a, mn_cone b) {
     decode(cone.axis, axis);
     double to_a = angle_between(axis, u) + alpha, to_b = angle_between(axis, v) + beta;
     cone.angle = angle_up(to_a > to_b ? to_a : to_b);
-    while (cone.angle < ANGLE_UNITS &&
+    while (cone.angle < MN_CONE_NO_BOUND &&
            !(mni_cone_encloses(cone, a, 0) && mni_cone_encloses(cone, b, 0)))
         cone.angle++; /* the last bit of the rounding */
-    return cone.angle == ANGLE_UNITS ? everything : cone;
+    return cone.angle == MN_CONE_NO_BOUND ? everything : cone;
+}
+
+/* ---- lengths -------------------------------------------------------------------------------- */
+
+static float float_up(float value, uint32_t shift) {
+    uint32_t unit = 1u << shift;
+    return mni_float_of((mni_float_bits(value) + unit - 1) & ~(unit - 1));
+}
+
+float mni_switch_up(float value) {
+    return float_up(value, MNI_SWITCH_SHIFT);
+}
+
+float mni_radius_up(float value) {
+    return float_up(value, MNI_RADIUS_SHIFT);
+}
+
+bool mni_grid_ok(float step) {
+    int exponent;
+    return step > 0 && isfinite(step) && frexpf(step, &exponent) == 0.5f;
 }

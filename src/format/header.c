@@ -11,6 +11,7 @@
 #include <xxhash.h>
 
 #include "assert.h"
+#include "block.h"
 #include "file.h"
 
 static const char magic[8] = {'M', 'N', 'T', 'R', 'E', 'E', '\r', '\n'};
@@ -28,11 +29,13 @@ typedef struct page {
     uint32_t overflow_max, depth_max, children_max, nodes_per_block_max;
     double fill_mean, origin[3];
     float box_min[3], box_max[3], dive_point[3], dive_normal[3];
-    uint32_t roots, zero;
+    uint32_t roots;
+    float grid_step;
     struct {
-        uint32_t id, pages, subtree;
+        uint32_t id, pages, subtree, color;
+        float position[3];
     } root[MN_ROOTS_MAX];
-    uint8_t rest[2360]; /* zero */
+    uint8_t rest[312]; /* zero */
 } page;
 _Static_assert(sizeof(page) == MN_PAGE_BYTES, "the header is one page");
 
@@ -65,7 +68,8 @@ void mni_header_encode(const mn_header *h, void *out) {
               .children_max = h->children_max,
               .nodes_per_block_max = h->nodes_per_block_max,
               .fill_mean = h->fill_mean,
-              .roots = h->roots};
+              .roots = h->roots,
+              .grid_step = h->grid_step};
     memcpy(p.magic, magic, sizeof magic);
     memcpy(p.origin, h->origin, sizeof p.origin);
     memcpy(p.box_min, h->box_min, sizeof p.box_min);
@@ -77,6 +81,8 @@ void mni_header_encode(const mn_header *h, void *out) {
         p.root[i].id = h->root[i].block.id;
         p.root[i].pages = h->root[i].block.pages;
         p.root[i].subtree = h->root[i].subtree;
+        p.root[i].color = h->root[i].color;
+        memcpy(p.root[i].position, h->root[i].position, sizeof p.root[i].position);
     }
     p.checksum = checksum_of(&p);
     memcpy(out, &p, sizeof p);
@@ -153,6 +159,7 @@ static mn_code check_blocks(const mn_header *h, const char *name, mn_status *st)
 static mn_code check_places(const mn_header *h, const char *name, mn_status *st) {
     FIELD(isfinite(h->origin[0]) && isfinite(h->origin[1]) && isfinite(h->origin[2]), "origin", "g",
           h->origin[0]);
+    FIELD(mni_grid_ok(h->grid_step), "grid_step", "g", (double)h->grid_step);
     FIELD(finite_all(h->box_min, 3), "box_min", "g", (double)h->box_min[0]);
     bool ordered = true, inside = true;
     for (int i = 0; i < 3; i++) {
@@ -172,6 +179,9 @@ static mn_code check_places(const mn_header *h, const char *name, mn_status *st)
                   r->block.id + (uint64_t)r->block.pages <= h->file_bytes / MN_PAGE_BYTES,
               "root.pages", PRIu32, r->block.pages);
         FIELD(r->subtree < MN_ROOTS_MAX, "root.subtree", PRIu32, r->subtree);
+        for (int k = 0; k < 3; k++)
+            FIELD(r->position[k] >= h->box_min[k] && r->position[k] <= h->box_max[k],
+                  "root.position", "g", (double)r->position[k]);
     }
     return MN_OK;
 }
@@ -205,14 +215,19 @@ static void fill(const page *p, mn_header *h) {
                      .children_max = p->children_max,
                      .nodes_per_block_max = p->nodes_per_block_max,
                      .fill_mean = p->fill_mean,
-                     .roots = p->roots};
+                     .roots = p->roots,
+                     .grid_step = p->grid_step};
     memcpy(h->origin, p->origin, sizeof p->origin);
     memcpy(h->box_min, p->box_min, sizeof p->box_min);
     memcpy(h->box_max, p->box_max, sizeof p->box_max);
     memcpy(h->dive_point, p->dive_point, sizeof p->dive_point);
     memcpy(h->dive_normal, p->dive_normal, sizeof p->dive_normal);
-    for (uint32_t i = 0; i < h->roots && i < MN_ROOTS_MAX; i++)
-        h->root[i] = (mn_root){{p->root[i].id, p->root[i].pages}, p->root[i].subtree};
+    for (uint32_t i = 0; i < h->roots && i < MN_ROOTS_MAX; i++) {
+        h->root[i] = (mn_root){.block = {p->root[i].id, p->root[i].pages},
+                               .subtree = p->root[i].subtree,
+                               .color = p->root[i].color};
+        memcpy(h->root[i].position, p->root[i].position, sizeof h->root[i].position);
+    }
 }
 
 mn_code mni_header_decode(const void *bytes, uint64_t file_bytes, const char *name, mn_header *out,

@@ -302,24 +302,29 @@ static bool holds_subtree(mni_front *f, mni_entry entry, uint32_t subtree) {
 /* A block of another file's, or lying, content: what it says of the node must be what its parent's
  * block said. */
 static bool same_node(const mni_front *f, uint32_t slot, const mni_subtree *s,
-                      const mni_node *record) {
+                      const mni_facts *said) {
     const mni_front_node *key = &f->node[slot];
     const mni_facts facts = {key->order, f->switch_value[slot], f->radius[slot],
                              f->face[slot].cone};
-    return mni_facts_equal(&facts, &record->facts) && s->leaf_lo == key->leaf_lo &&
-           s->leaf_hi == key->leaf_hi &&
-           memcmp(s->position, &f->position[3 * (size_t)slot], sizeof s->position) == 0 &&
-           (f->color == NULL || s->color == f->color[slot]);
+    return mni_facts_equal(&facts, said) && s->leaf_lo == key->leaf_lo &&
+           s->leaf_hi == key->leaf_hi;
+}
+
+static mni_place place_of(const mni_front *f, uint32_t slot) {
+    const mni_front_node *n = &f->node[slot];
+    const float *at = &f->position[3 * (size_t)slot];
+    return (mni_place){n->leaf_lo, n->leaf_hi, {at[0], at[1], at[2]}};
 }
 
 /* Takes the block of a node's record into use once, for the first of its children. */
 static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mni_node *record) {
     const mni_front_node *p = &f->node[slot];
+    const mni_place at = place_of(f, slot);
     mni_entry own = mni_front_entry(f, p->parent, slot);
     const void *bytes;
     const mni_block *block = view_of(f, own, &bytes);
     if ((p->flags & MNI_NODE_EXIT) == 0) {
-        mni_block_node(block, f->face[slot].index, record);
+        mni_block_node(block, f->face[slot].index, &at, record);
         *entry = own;
         mni_store_add(f->store, *entry);
         return MNI_DONE;
@@ -332,10 +337,13 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
     if (holds_subtree(f, *entry, where.subtree)) {
         mni_subtree subtree;
         block = view_of(f, *entry, NULL);
+        mni_facts facts;
         mni_block_subtree(block, where.subtree, &subtree);
-        mni_block_node(block, subtree.node, record);
-        if (same_node(f, slot, &subtree, record))
+        mni_block_facts(block, subtree.node, &facts);
+        if (same_node(f, slot, &subtree, &facts)) {
+            mni_block_node(block, subtree.node, &at, record);
             return MNI_DONE;
+        }
     }
     mni_store_sub(f->store, *entry);
     return MNI_BAD;
@@ -478,7 +486,7 @@ static mni_outcome simplices_prepare(mni_front *f, split_plan *plan, mni_entry e
     const mni_block *block = view_of(f, entry, NULL);
     for (uint32_t i = 0; i < record->simplex_count; i++) {
         uint32_t corner[3];
-        mni_block_simplex(block, record->simplex_first + i, corner);
+        mni_block_simplex(block, record, i, corner);
         if (!simplex_prepare(f, plan, corner))
             return MNI_BAD;
     }
@@ -725,21 +733,22 @@ static mn_code root_open(mni_front *f, uint32_t r, uint32_t leaf_lo, mn_status *
                        r, subtree_index);
     const mni_block *block = view_of(f, entry, NULL);
     mni_subtree subtree;
-    mni_node record;
+    mni_child self = {.kind = MNI_CHILD_INNER};
     mni_block_subtree(block, subtree_index, &subtree);
-    mni_block_node(block, subtree.node, &record);
+    mni_block_facts(block, subtree.node, &self.facts);
+    self.node = subtree.node;
     if (subtree.leaf_lo != leaf_lo)
         return mn_fail(st, MN_BAD_INPUT, "root %u: not where the forest needs it; rebuild the file",
                        r);
     uint32_t slot = slot_new(f);
     MN_ASSERT(slot == r); /* mni_front_find and mni_front_entry count on it */
-    mni_child self = {.kind = MNI_CHILD_INNER, .node = subtree.node, .facts = record.facts};
     f->node[slot].leaf_lo = subtree.leaf_lo;
     f->node[slot].leaf_hi = subtree.leaf_hi;
     corners_clear(f, slot);
-    memcpy(&f->position[3 * (size_t)slot], subtree.position, sizeof subtree.position);
+    const mn_root *root = &f->header->root[r];
+    memcpy(&f->position[3 * (size_t)slot], root->position, sizeof root->position);
     if (f->color != NULL)
-        f->color[slot] = subtree.color;
+        f->color[slot] = root->color;
     node_set(f, slot, MNI_FRONT_NO_PARENT, MN_NONE, &self);
     f->root[r] = slot;
     f->root_entry[r] = entry;
@@ -756,10 +765,7 @@ mn_code mni_front_open(mni_front *f, mni_store *store, const mn_header *header, 
                      .branch_free = MN_NONE,
                      .chunk_free = MN_NONE,
                      .simplex_free = MN_NONE};
-    f->limits = (mni_block_limits){.leaves = header->leaves,
-                                   .nodes = header->nodes,
-                                   .file_bytes = header->file_bytes,
-                                   .has_colors = header->has_colors};
+    f->limits = mni_block_limits_of(header);
     MN_ASSERT(nodes_max >= header->roots && nodes_max < MNI_FRONT_NODES_MAX);
     MN_ASSERT(simplices_max < MNI_FRONT_SIMPLICES_MAX);
     lay_out(f, arena, header->has_colors);

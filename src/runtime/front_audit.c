@@ -89,17 +89,21 @@ static bool add_block(const void *bytes, uint32_t length_bytes, const mni_block_
         }
         return true;
     }
+    mni_walk walk;
+    mni_node record;
+    uint32_t node;
     mni_block_reopen(&block, bytes);
-    for (uint32_t i = 0; i < block.simplices; i++) {
-        mni_block_simplex(&block, i, corner);
-        *sum += edges_of(corner);
-    }
+    mni_walk_begin(&walk, &block);
+    while (mni_walk_next(&walk, &node, &record))
+        for (uint32_t i = 0; i < record.simplex_count; i++) {
+            mni_block_simplex(&block, &record, i, corner);
+            *sum += edges_of(corner);
+        }
     return true;
 }
 
 bool mni_front_input_is_closed(const char *path, const mn_header *header) {
-    const mni_block_limits limits = {header->leaves, header->nodes, header->file_bytes,
-                                     header->has_colors};
+    const mni_block_limits limits = mni_block_limits_of(header);
     unsigned char *bytes = aligned_alloc(MN_PAGE_BYTES, header->block_bytes_max);
     mni_in file;
     if (bytes == NULL || mni_in_open(&file, path, NULL) != MN_OK) {
@@ -245,15 +249,16 @@ static bool exit_down(mni_front *f, mni_entry entry, const mni_block *block, mni
 }
 
 /* The node of an exit in its own block. false: it is another, so a walk down would not end. */
-static bool subtree_node(const mni_block *block, mni_child *at) {
+static bool subtree_node(const mni_block *block, const mni_place *place, mni_child *at) {
     mni_subtree subtree;
-    mni_node record;
+    mni_facts facts;
     if (at->subtree >= block->subtrees)
         return false;
     mni_block_subtree(block, at->subtree, &subtree);
-    mni_block_node(block, subtree.node, &record);
+    mni_block_facts(block, subtree.node, &facts);
     at->node = subtree.node;
-    return record.facts.order == at->facts.order;
+    return subtree.leaf_lo == place->leaf_lo && subtree.leaf_hi == place->leaf_hi &&
+           facts.order == at->facts.order;
 }
 
 /* Down from an active node through the blocks. One block besides the node's own is in use at a
@@ -263,13 +268,13 @@ bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
     const mni_front_node *n = &f->node[slot];
     const mni_entry own = mni_front_entry(f, n->parent, slot);
     mni_entry entry = own;
-    uint32_t lo = f->node[slot].leaf_lo;
+    mni_place place = {n->leaf_lo, n->leaf_hi, {0}};
+    memcpy(place.position, &f->position[3 * (size_t)slot], sizeof place.position);
     mni_child at = {.kind = n->flags & MNI_NODE_EXIT ? MNI_CHILD_SUBTREE : MNI_CHILD_INNER,
                     .node = f->face[slot].index,
                     .exit = f->face[slot].index};
     bool there = true;
-    memcpy(position, &f->position[3 * (size_t)slot], 3 * sizeof *position);
-    while (lo != leaf && there) {
+    while (place.leaf_lo != leaf && there) {
         mni_block block;
         mni_node record;
         block_reopen(f, entry, &block);
@@ -282,19 +287,22 @@ bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
                 mni_store_sub(f->store, entry);
             entry = below;
             block_reopen(f, entry, &block);
-            there = subtree_node(&block, &at);
+            there = subtree_node(&block, &place, &at);
             if (!there)
                 break;
         }
-        mni_block_node(&block, at.node, &record);
+        mni_block_node(&block, at.node, &place, &record);
         bool right = leaf >= record.leaf_mid;
         at = right ? record.right : record.left;
         if (right) {
-            lo = record.leaf_mid;
-            memcpy(position, record.right_position, 3 * sizeof *position);
+            place.leaf_lo = record.leaf_mid;
+            memcpy(place.position, record.right_position, sizeof place.position);
+        } else {
+            place.leaf_hi = record.leaf_mid;
         }
-        there = at.kind != MNI_CHILD_LEAF || lo == leaf;
+        there = at.kind != MNI_CHILD_LEAF || place.leaf_lo == leaf;
     }
+    memcpy(position, place.position, sizeof place.position);
     if (entry != own)
         mni_store_sub(f->store, entry);
     return there;

@@ -118,10 +118,7 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
     mn_code code = mn_header_read(desc->path, &s->header, st);
     if (code == MN_OK)
         code = mni_ram_plan_make(&plan, &s->header, &s->plan, st);
-    s->limits = (mni_block_limits){.leaves = s->header.leaves,
-                                   .nodes = s->header.nodes,
-                                   .file_bytes = s->header.file_bytes,
-                                   .has_colors = s->header.has_colors};
+    s->limits = mni_block_limits_of(&s->header);
 #ifdef MN_SLOW_CHECKS
     if (code == MN_OK)
         s->desc.closed |= mni_front_input_is_closed(desc->path, &s->header);

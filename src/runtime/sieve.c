@@ -112,14 +112,14 @@ judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens) {
     inmost += r;
     bool out = inmost<-slack, in = inmost> slack;
 
-    float u = b->axis[0][i] * (1 / 32767.0f), v = b->axis[1][i] * (1 / 32767.0f);
+    float u = b->axis[0][i] * (1.0f / MN_CONE_AXIS), v = b->axis[1][i] * (1.0f / MN_CONE_AXIS);
     float w = 1 - fabsf(u) - fabsf(v);
     float fu = copysignf(1 - fabsf(v), u), fv = copysignf(1 - fabsf(u), v);
     u = w < 0 ? fu : u;
     v = w < 0 ? fv : v;
     float length = sqrtf(u * u + v * v + w * w);
-    float along = -(u * dx + v * dy + w * dz); /* × length */
-    float h = least_of(b->angle[i], 32768) * (PI_F / 65535), hh = h * h;
+    float along = -(u * dx + v * dy + w * dz);                         /* × length */
+    float h = b->angle[i] * (PI_F / 2 / MN_CONE_NO_BOUND), hh = h * h; /* no bound: a right angle */
     float cos_h =
         1 + hh * (-1 / 2.0f +
                   hh * (1 / 24.0f + hh * (-1 / 720.0f + hh * (1 / 40320.0f - hh / 3628800.0f))));
@@ -146,7 +146,7 @@ judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens) {
                     .cos_spread = beyond ? sqrtf(most_of(rest, 0)) / d : 0,
                     .cos_light = (to_light + w * s->light_from[2]) / length,
                     .wrong = beyond ? 2e-6f + s->slack / d : 1,
-                    .bounded = b->angle[i] < 32768};
+                    .bounded = b->angle[i] < MN_CONE_NO_BOUND};
         tightening(s, &a, &low, &high);
     }
     float reach = s->reach * b->switch_value[i];

@@ -80,11 +80,12 @@ static void balanced(uint32_t levels, mn_tree *tree) {
         for (uint32_t i = 0; i < width; i++, from += 2) {
             tree->left[made] = from;
             tree->right[made] = from + 1;
-            tree->switch_value[made] = tree->radius[made] = 1000.0f * (float)(leaves / width);
-            tree->cone[made] = (mn_cone){{0, 0}, 65535};
+            tree->switch_value[made] = tree->radius[made] = 1024.0f * (float)(leaves / width);
+            tree->cone[made] = (mn_cone){{0, 0}, MN_CONE_NO_BOUND};
             made++;
         }
     tree->legal_last = leaves - 1;
+    tree->grid_step = 1;
     ck_assert_msg(mni_tree_derive(tree, &st) == MN_OK, "%s", st.text);
 }
 
@@ -165,13 +166,14 @@ START_TEST(unsound_trees_are_not_written) {
     fixture_sheet(8, 1, false, &mesh);
     fixture_tree(&mesh, &tree);
     uint32_t top = tree.inner - 1;
-    float *floats[] = {&tree.switch_value[top], &tree.radius[top], &tree.leaf_position[7]};
-    const float wrong[] = {-1, NAN, INFINITY};
-    for (int f = 0; f < 3; f++)
-        for (int w = f == 2; w < 3; w++) {
+    float *floats[] = {&tree.switch_value[top], &tree.radius[top], &tree.leaf_position[7],
+                       &tree.grid_step};
+    const float wrong[] = {-1, NAN, INFINITY, 0}; /* 0: a last bit */
+    for (int f = 0; f < 4; f++)
+        for (int w = f == 2; w < 4; w++) {
             mn_status st = {0};
             float saved = *floats[f];
-            *floats[f] = wrong[w];
+            *floats[f] = wrong[w] != 0 ? wrong[w] : nextafterf(saved, INFINITY);
             ck_assert_int_eq(mn_block_write(fixture_path("un.mnt"), &tree, NULL, NULL, NULL, &st),
                              MN_BAD_INPUT);
             *floats[f] = saved;
@@ -186,12 +188,18 @@ START_TEST(unsound_trees_are_not_written) {
         *words[k] = saved;
     }
     mn_cone saved = tree.cone[top];
-    tree.cone[top] = (mn_cone){{32767, 0}, 1};
+    tree.cone[top] = (mn_cone){{127, 0}, 1};
     mn_status st = {0};
     ck_assert_int_eq(mn_tree_check(&tree, &st), MN_BAD_INPUT);
     ck_assert(strstr(st.text, "cone") != NULL);
     tree.cone[top] = saved;
     ck_assert_int_eq(mn_tree_check(&tree, NULL), MN_OK);
+    tree.grid_step /= 4096; /* too fine for differences to be exact */
+    ck_assert_int_eq(mn_tree_check(&tree, &st), MN_BAD_INPUT);
+    tree.grid_step = 0; /* sound, but what would its blocks count in? */
+    ck_assert_int_eq(mn_tree_check(&tree, NULL), MN_OK);
+    ck_assert_int_eq(mn_block_write(fixture_path("un.mnt"), &tree, NULL, NULL, NULL, &st),
+                     MN_USAGE);
     mn_tree_free(&tree);
     mn_mesh_free(&mesh);
 }

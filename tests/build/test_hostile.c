@@ -188,9 +188,12 @@ static void read_view(const unsigned char *bytes, uint32_t length, const mni_blo
             ck_assert(c.facts.order >= limits->leaves && c.facts.order < limits->nodes);
             ck_assert(c.ref < frame.refs);
         }
-        for (uint32_t i = 0; i < view.nodes; i++) {
-            mni_node n;
-            mni_block_node(&view, i, &n);
+        mni_walk walk;
+        mni_node n;
+        uint32_t i, next = 0;
+        mni_walk_begin(&walk, &view);
+        while (mni_walk_next(&walk, &i, &n)) {
+            ck_assert_uint_eq(i, next++);
             ck_assert(n.facts.order >= limits->leaves && n.facts.order < limits->nodes);
             ck_assert(n.leaf_mid < limits->leaves);
             ck_assert(n.left.kind != MNI_CHILD_INNER || n.left.node < view.nodes);
@@ -198,11 +201,12 @@ static void read_view(const unsigned char *bytes, uint32_t length, const mni_blo
             ck_assert(n.left.kind != MNI_CHILD_SUBTREE || n.left.ref < frame.refs);
             ck_assert(n.right.kind != MNI_CHILD_SUBTREE || n.right.ref < frame.refs);
             for (uint32_t s = 0; s < n.simplex_count; s++) {
-                mni_block_simplex(&view, n.simplex_first + s, corner);
+                mni_block_simplex(&view, &n, s, corner);
                 ck_assert(corner[0] < limits->leaves && corner[1] < limits->leaves &&
                           (corner[2] < limits->leaves || corner[2] == MN_NONE));
             }
         }
+        ck_assert_uint_eq(next, view.nodes);
     }
     if (mni_overflow_open(&overflow, bytes, length, limits, NULL, 0))
         for (uint32_t s = 0; s < overflow.simplices; s++) {
@@ -215,7 +219,7 @@ START_TEST(lying_blocks_are_read_safely) {
     image im;
     uint64_t state = fixture_seed(11);
     make_mnt(_i, &im);
-    mni_block_limits limits = {im.header.leaves, im.header.nodes, im.size, im.header.has_colors};
+    const mni_block_limits limits = mni_block_limits_of(&im.header);
     for (int round = 0; round < 20000; round++) {
         mn_block_ref ref = im.block[fixture_random(&state) % im.blocks];
         uint32_t length = ref.pages * MN_PAGE_BYTES;

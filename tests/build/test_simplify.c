@@ -22,9 +22,9 @@ static uint32_t add_vertex(model *m, double x, double y, double z) {
         m->mesh.position = realloc(m->mesh.position, m->vertices_room * 3 * sizeof(float));
     }
     float *p = &m->mesh.position[3 * m->mesh.vertices];
-    p[0] = (float)x;
-    p[1] = (float)y;
-    p[2] = (float)z;
+    p[0] = (float)x + 0.0f; /* -0 would become 0 in the tree */
+    p[1] = (float)y + 0.0f;
+    p[2] = (float)z + 0.0f;
     return m->mesh.vertices++;
 }
 

@@ -182,7 +182,7 @@ static void lot_sheet(uint32_t n, mn_mesh *m) {
 
 /* The tree's collapses and switch values, bounds aside, which are libm's. */
 START_TEST(same_tree_on_every_machine) {
-    static const uint64_t golden[2] = {0xdfd7f056e357392e, 0x8c4142d5875dfcdd};
+    static const uint64_t golden[2] = {0x3d0d36e7b2ff7dbe, 0xd8c77ba2ac5d311d};
     for (int metric = 0; metric < 2; metric++) {
         mn_mesh mesh;
         mn_tree tree;

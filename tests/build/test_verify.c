@@ -2,6 +2,7 @@
  * Method: files of small meshes, compared with copies that were shuffled, moved, turned or changed
  * in one place. */
 #include <check.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -129,6 +130,32 @@ START_TEST(equal_positions_do_not_confuse) {
 }
 END_TEST
 
+/* The input may be off by half a step, not by more; what falls together is counted. */
+START_TEST(half_a_step_is_let_pass) {
+    mn_mesh mesh;
+    mn_tree tree;
+    mn_verify_result r;
+    mn_status st;
+    uint64_t seed = fixture_seed(37);
+    fixture_sheet(12, 1, false, &mesh);
+    memcpy(mesh.position + 3 * 70, mesh.position + 3 * 71, 12);
+    write_both(&mesh, &tree);
+    const float half = mesh.grid_step / 2;
+    for (uint32_t i = 0; i < 3 * mesh.vertices; i++)
+        mesh.position[i] += half * ((float)(fixture_random(&seed) % 1999) / 1000 - 0.999f);
+    const char *names[] = {"v.mnt", "v.vdt"};
+    for (int i = 0; i < 2; i++) {
+        ck_assert_msg(check(fixture_path(names[i]), &mesh, &r, &st) == MN_OK, "%s", st.text);
+        ck_assert_uint_eq(r.matched_triangles, mesh.triangles);
+        ck_assert_uint_eq(r.merged_positions, 1);
+    }
+    mesh.position[3 * 30] = roundf(mesh.position[3 * 30] / (2 * half)) * 2 * half + 1.2f * half;
+    ck_assert_int_eq(check(fixture_path("v.mnt"), &mesh, &r, &st), MN_BAD_INPUT);
+    mn_tree_free(&tree);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
 START_TEST(another_origin_is_heeded) {
     mn_mesh mesh;
     mn_tree tree;
@@ -228,6 +255,7 @@ int main(void) {
     tcase_add_test(t, the_input_is_known_in_any_order);
     tcase_add_test(t, one_change_is_named);
     tcase_add_test(t, equal_positions_do_not_confuse);
+    tcase_add_test(t, half_a_step_is_let_pass);
     tcase_add_test(t, another_origin_is_heeded);
     tcase_add_test(t, a_hinge_must_be_an_edge);
     tcase_add_test(t, what_is_no_file_of_ours_is_said);

@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "block.h"
+
 uint64_t fixture_seed(uint64_t usual) {
     const char *given = getenv("MN_SEED");
     uint64_t seed = given != NULL ? strtoull(given, NULL, 10) : usual;
@@ -32,6 +34,12 @@ static void take_mesh(uint32_t vertices, uint32_t triangles, bool colors, mn_mes
     out->intake.input_faces = triangles;
 }
 
+static void onto_grid(mn_mesh *mesh) {
+    mn_status st = {0};
+    ck_assert_msg(mn_mesh_quantise(mesh, 0, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(mesh->intake.merged_positions, 0);
+}
+
 void fixture_sheet(uint32_t n, uint64_t seed, bool colors, mn_mesh *out) {
     take_mesh(n * n, 2 * (n - 1) * (n - 1), colors, out);
     for (uint32_t v = 0; v < n * n; v++) {
@@ -51,6 +59,7 @@ void fixture_sheet(uint32_t n, uint64_t seed, bool colors, mn_mesh *out) {
             memcpy(c, quad, sizeof quad);
             c += 6;
         }
+    onto_grid(out);
 }
 
 void fixture_book(uint32_t pages, mn_mesh *out) {
@@ -65,6 +74,7 @@ void fixture_book(uint32_t pages, mn_mesh *out) {
         uint32_t page[3] = {t % 2, 1 - t % 2, t + 2};
         memcpy(out->corner + 3 * t, page, sizeof page);
     }
+    onto_grid(out);
 }
 
 void fixture_tree(const mn_mesh *mesh, mn_tree *out) {
@@ -130,8 +140,8 @@ static void fill_nodes(lot *l, uint64_t *seed) {
             }
             radius = own > radius ? own : radius;
         }
-        t->radius[i] = (float)(radius * 1.000001);
-        t->switch_value[i] = value;
+        t->radius[i] = mni_radius_up((float)(radius * 1.000001));
+        t->switch_value[i] = mni_switch_up(value);
         t->cone[i] = cone;
     }
 }
@@ -168,6 +178,7 @@ void fixture_random_tree(const mn_mesh *mesh, uint64_t seed, mn_tree *t) {
     t->roots = 1;
     t->simplices = t->triangles = mesh->triangles;
     t->legal_last = n - 1;
+    t->grid_step = mesh->grid_step;
     memcpy(t->origin, mesh->origin, sizeof t->origin);
     t->leaf_position = malloc(3 * sizeof(float) * n);
     t->leaf_color = mesh->color != NULL ? malloc(sizeof(uint32_t) * n) : NULL;
@@ -251,6 +262,7 @@ void fixture_same(const mn_tree *a, const mn_tree *b) {
     ck_assert_uint_eq(a->depth_max, b->depth_max);
     ck_assert_uint_eq(a->metric, b->metric);
     ck_assert(memcmp(a->origin, b->origin, sizeof a->origin) == 0);
+    ck_assert_float_eq(a->grid_step, b->grid_step);
     SAME_ARRAY(leaf_position, 3 * (size_t)a->leaves);
     ck_assert((a->leaf_color == NULL) == (b->leaf_color == NULL));
     if (a->leaf_color != NULL)

@@ -1,7 +1,8 @@
-/* Goal: what goes into columns comes out, at every width, and a block's tally is its true size.
- * Method: columns of random values at all widths; one-node blocks of extreme values by hand; chains
+/* Goal: what goes into rows comes out, at every width, and a block's tally is its true size.
+ * Method: rows of random values at all widths; one-node blocks of extreme values by hand; chains
  * at the depth limit and beyond. (Whole trees: build/test_block.) */
 #include <check.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -23,50 +24,63 @@ static void seed(void) {
 
 START_TEST(every_width_round_trips) {
     enum { ROWS = 301 };
-    uint32_t width = (uint32_t)_i, value[ROWS];
-    size_t bytes = mni_column_bytes(ROWS, width) + MNI_BLOCK_TAIL_BYTES;
+    uint32_t width = (uint32_t)_i, row = width + 1 + draw() % 40, value[ROWS];
+    size_t bytes = mni_row_bytes(ROWS, row) + MNI_BLOCK_TAIL_BYTES;
     uint8_t *bits = calloc(bytes, 1); /* of its exact size, so that a sanitizer sees any more */
-    uint32_t base = draw();
     for (uint32_t i = 0; i < ROWS; i++) {
-        uint32_t above = width == 0 ? 0 : draw() >> (32 - width);
+        value[i] = width == 0 ? 0 : draw() >> (32 - width);
         if (i == 0 && width > 0)
-            above = UINT32_MAX >> (32 - width);
-        value[i] = base + above; /* may wrap */
-        mni_column_put(bits, width, i, above);
+            value[i] = UINT32_MAX >> (32 - width);
+        mni_bits_put(bits, (uint64_t)i * row + row - width, value[i]);
+        mni_bits_put(bits, (uint64_t)i * row, 1); /* another field before it */
     }
-    mni_column column = {bits, width, base};
     for (uint32_t i = 0; i < ROWS; i++)
-        ck_assert_uint_eq(mni_column_get(&column, i), value[i]);
+        ck_assert_uint_eq(mni_bits_get(bits, (uint64_t)i * row + row - width, width), value[i]);
     for (size_t i = bytes - MNI_BLOCK_TAIL_BYTES; i < bytes; i++)
         ck_assert_uint_eq(bits[i], 0);
     free(bits);
 }
 END_TEST
 
-START_TEST(float_codes_keep_order_and_bits) {
-    const float some[] = {-3e38f, -1, -1e-40f, -0.0f, 0.0f, 1e-40f, 1, 3e38f};
-    for (size_t i = 0; i < sizeof some / sizeof some[0]; i++) {
-        ck_assert_uint_eq(mni_float_bits(mni_float_unordered(mni_float_ordered(some[i]))),
-                          mni_float_bits(some[i]));
-        if (i > 0)
-            ck_assert_uint_lt(mni_float_ordered(some[i - 1]), mni_float_ordered(some[i]));
+/* Never less, never more than one step more, monotone, and what is known already stays. */
+START_TEST(lengths_are_rounded_up) {
+    const float some[] = {0,        1e-45f, 1.17e-38f, 1e-20f, 0.001f,   1,
+                          1.03124f, 1.99f,  0x1.fcp0f, 2,      3.14159f, 1e18f};
+    for (int round = 0; round < 5000; round++) {
+        float a = round < 12 ? some[round] : mni_float_of(draw() % 0x7e000000u);
+        float b = mni_float_of(mni_float_bits(a) + draw() % 0x100000u);
+        float s = mni_switch_up(a), r = mni_radius_up(a);
+        ck_assert(s >= a && r >= s && mni_switch_up(s) == s && mni_radius_up(r) == r);
+        if (a > 1e-37f) {
+            ck_assert_float_le(s, a * (1 + 1 / 32.0f));
+            ck_assert_float_le(r, a * (1 + 1 / 16.0f));
+        }
+        ck_assert(mni_switch_up(b) >= s && mni_radius_up(b) >= r);
     }
+    ck_assert_float_eq(mni_switch_up(0), 0);
+    ck_assert_float_eq(mni_switch_up(1.03126f), 1.0625f);
+    ck_assert(isinf(mni_switch_up(3.4e38f)));
+    ck_assert(mni_grid_ok(1) && mni_grid_ok(0x1p-149f) && mni_grid_ok(0x1p100f));
+    ck_assert(!mni_grid_ok(0) && !mni_grid_ok(-1) && !mni_grid_ok(3) && !mni_grid_ok(NAN));
+    ck_assert(!mni_grid_ok(INFINITY));
 }
 END_TEST
 
 /* ---- blocks by hand ------------------------------------------------------------------------- */
 
-static const mni_block_limits limits = {.leaves = 2000, .nodes = 3999, .file_bytes = 1 << 22};
+static const mni_block_limits limits = {
+    .leaves = 2000, .nodes = 3999, .file_bytes = 1 << 22, .grid_step = 0.5f};
 
 static mni_facts chain_facts(uint32_t i, uint32_t nodes) {
-    return (mni_facts){3998 - i, (float)(nodes - i), 10, {{0}, 0}};
+    return (mni_facts){3998 - i, mni_switch_up((float)(nodes - i)), 10, {{0}, 0}};
 }
 
 /* A chain: node i has leaf hi - 1 - i … on its right; `nodes` of them, all leaves on the right. */
 static mni_node chain_node(uint32_t i, uint32_t nodes) {
-    mni_node n = {.facts = chain_facts(i, nodes),
+    mni_node n = {.at = {0, nodes + 1 - i, {0, 0, 0}},
+                  .facts = chain_facts(i, nodes),
                   .leaf_mid = nodes - i,
-                  .right_position = {1, 2, 3},
+                  .right_position = {1, 2, 3.5f},
                   .right_color = UINT32_MAX,
                   .left = {.kind = i + 1 < nodes ? MNI_CHILD_INNER : MNI_CHILD_LEAF, .node = i + 1},
                   .right = {.kind = MNI_CHILD_LEAF},
@@ -78,9 +92,8 @@ static mni_node chain_node(uint32_t i, uint32_t nodes) {
 static uint32_t encode_chain(unsigned char *bytes, uint32_t length, uint32_t nodes) {
     mni_tally tally;
     mni_encoder encoder;
-    mni_subtree top = {
-        .node = 0, .leaf_lo = 0, .leaf_hi = nodes + 1, .position = {1, 2, 3}, .color = UINT32_MAX};
-    mni_tally_init(&tally, false);
+    mni_subtree top = {.node = 0, .leaf_lo = 0, .leaf_hi = nodes + 1};
+    mni_tally_init(&tally, false, limits.grid_step);
     mni_tally_subtree(&tally, &top);
     for (uint32_t i = 0; i < nodes; i++) {
         mni_node n = chain_node(i, nodes);
@@ -105,26 +118,29 @@ static uint32_t encode_chain(unsigned char *bytes, uint32_t length, uint32_t nod
 START_TEST(tallies_add_up) {
     enum { NODES = 100 };
     mni_tally all, part[2];
-    mni_tally_init(&all, true);
-    mni_tally_init(&part[0], true);
-    mni_tally_init(&part[1], true);
+    mni_tally_init(&all, true, 0.5f);
+    mni_tally_init(&part[0], true, 0.5f);
+    mni_tally_init(&part[1], true, 0.5f);
     mni_tally_merge(&part[1], &part[0]); /* of nothing */
     for (uint32_t i = 0; i < NODES; i++) {
         mni_tally *to = &part[draw() % 2];
         mni_node n = chain_node(i, NODES);
         n.right_color = draw();
-        n.right_position[0] = (float)(int32_t)draw();
+        n.right_position[0] = (float)(draw() % 100000);
         n.left.kind = (mni_child_kind)(draw() % 3);
         n.left.facts = chain_facts(draw() % NODES, NODES);
+        n.simplex_count = draw() % 4;
         n.overflow_ref = draw() % 50 == 0 ? 0 : MN_NONE;
-        mni_subtree top = {.node = i, .leaf_lo = draw(), .leaf_hi = draw(), .position = {0, 1, 2}};
-        uint32_t corner[3] = {draw(), draw(), i % 3 == 0 ? MN_NONE : draw()};
+        mni_subtree top = {.node = i, .leaf_lo = draw() % 1000, .leaf_hi = 1002 + draw() % 1000};
         mni_tally_node(&all, &n);
         mni_tally_node(to, &n);
         mni_tally_subtree(&all, &top);
         mni_tally_subtree(to, &top);
-        mni_tally_simplex(&all, corner);
-        mni_tally_simplex(to, corner);
+        for (uint32_t k = 0; k < n.simplex_count; k++) {
+            uint32_t corner[3] = {draw() % 50, 50 + draw() % 50, i % 3 == 0 ? MN_NONE : draw()};
+            mni_tally_simplex(&all, corner);
+            mni_tally_simplex(to, corner);
+        }
     }
     mni_tally_merge(&part[0], &part[1]);
     ck_assert_uint_eq(part[0].exits, all.exits);
@@ -149,24 +165,28 @@ START_TEST(a_chain_may_be_so_deep_and_no_deeper) {
             continue;
         mni_block_reopen(&again, bytes);
         ck_assert_uint_eq(again.nodes, nodes);
-        for (uint32_t i = 0; i < nodes; i++) {
-            mni_node n, wanted = chain_node(i, nodes);
+        mni_walk walk;
+        mni_node n;
+        uint32_t at, i = 0;
+        mni_walk_begin(&walk, &again);
+        for (; mni_walk_next(&walk, &at, &n); i++) {
+            mni_node wanted = chain_node(i, nodes);
             uint32_t corner[3];
-            mni_block_node(&again, i, &n);
+            ck_assert_uint_eq(at, i);
             ck_assert_uint_eq(n.facts.order, wanted.facts.order);
             ck_assert_uint_eq(n.leaf_mid, wanted.leaf_mid);
             ck_assert_float_eq(n.facts.switch_value, wanted.facts.switch_value);
-            ck_assert_float_eq(n.right_position[2], 3);
+            ck_assert_float_eq(n.right_position[2], 3.5f);
             ck_assert_uint_eq(n.right_color, UINT32_MAX);
             ck_assert_int_eq(n.left.kind, wanted.left.kind);
-            ck_assert_uint_eq(n.simplex_first, i);
             ck_assert_uint_eq(n.simplex_count, 1);
             ck_assert_uint_eq(n.overflow_ref, MN_NONE);
-            mni_block_simplex(&again, i, corner);
+            mni_block_simplex(&again, &n, 0, corner);
             ck_assert_uint_eq(corner[0], 0);
             ck_assert_uint_eq(corner[1], nodes - i);
             ck_assert_uint_eq(corner[2], MN_NONE);
         }
+        ck_assert_uint_eq(i, nodes);
     }
     free(bytes);
 }
@@ -186,6 +206,9 @@ START_TEST(bounds_of_the_file_are_respected) {
     ck_assert(!mni_block_open(&view, bytes, LENGTH, &tight, NULL, 0));
     tight = limits;
     tight.has_colors = true;
+    ck_assert(!mni_block_open(&view, bytes, LENGTH, &tight, NULL, 0));
+    tight = limits;
+    tight.grid_step = 1;
     ck_assert(!mni_block_open(&view, bytes, LENGTH, &tight, NULL, 0));
 }
 END_TEST
@@ -215,12 +238,12 @@ START_TEST(overflow_blocks_hold_what_fits) {
         corner[3 * i + 2] = i % 7 == 0 ? MN_NONE : 100 + draw() % 1900;
     }
     mni_overflow head = {.order = 2500, .leaf_lo = 0, .leaf_mid = 50, .leaf_hi = 100};
-    uint32_t fit = mni_overflow_fit(corner, COUNT, LENGTH);
-    ck_assert_uint_gt(fit, LENGTH / 12);
+    uint32_t fit = mni_overflow_fit(&head, corner, COUNT, LENGTH);
+    ck_assert_uint_gt(fit, LENGTH / 13);
     ck_assert_uint_lt(fit, COUNT);
     uint32_t end = mni_overflow_encode(bytes, LENGTH, 1, &head, corner, fit);
-    ck_assert_uint_eq(end, mni_overflow_bytes(corner, fit, 1));
-    ck_assert_uint_gt(mni_overflow_bytes(corner, fit + 1, 1), LENGTH - MNI_BLOCK_TAIL_BYTES);
+    ck_assert_uint_eq(end, mni_overflow_bytes(&head, corner, fit, 1));
+    ck_assert_uint_gt(mni_overflow_bytes(&head, corner, fit + 1, 1), LENGTH - MNI_BLOCK_TAIL_BYTES);
     mni_frame frame = {.kind = MNI_FRAME_OVERFLOW, .refs = 1, .payload_bytes = end};
     mni_frame_set_ref(bytes, 0, (mn_block_ref){9, 1});
     mni_frame_seal(bytes, &frame, (mn_block_ref){5, 2}, 77);
@@ -244,7 +267,7 @@ int main(void) {
     TCase *t = tcase_create("codec");
     tcase_add_unchecked_fixture(t, seed, NULL);
     tcase_add_loop_test(t, every_width_round_trips, 0, 33);
-    tcase_add_test(t, float_codes_keep_order_and_bits);
+    tcase_add_test(t, lengths_are_rounded_up);
     tcase_add_test(t, tallies_add_up);
     tcase_add_test(t, a_chain_may_be_so_deep_and_no_deeper);
     tcase_add_test(t, bounds_of_the_file_are_respected);

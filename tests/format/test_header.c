@@ -35,7 +35,8 @@ static mn_header sound(void) {
                    .nodes_per_block_max = 300,
                    .fill_mean = 0.9,
                    .roots = 1,
-                   .root = {{{1, 4}, 0}}};
+                   .grid_step = 0.25f,
+                   .root = {{{1, 4}, 0, 0xff102030, {0, 0, 0}}}};
     return h;
 }
 
@@ -111,6 +112,11 @@ static const lie lies[] = {
     {"root.pages", 204, 4, 0},
     {"root.pages", 204, 4, 5},
     {"root.subtree", 208, 4, HUGE32},
+    {"root.position", 216, 4, NAN32},
+    {"root.position", 224, 4, 0x7f000000u}, /* 2^127: outside the box */
+    {"grid_step", 196, 4, 0},
+    {"grid_step", 196, 4, 0x40400000u}, /* 3 */
+    {"grid_step", 196, 4, 0x7f800000u}, /* infinite */
 };
 enum { LIES = sizeof lies / sizeof lies[0] };
 

@@ -151,6 +151,7 @@ void model_make(model *out, model_shape shape, uint32_t triangles, const mn_bloc
     *out = (model){.closed = shape == MODEL_GLOBE || shape == MODEL_TORUS};
     snprintf(out->path, sizeof out->path, "model.%d.%d.mnt", (int)getpid(), serial++);
     mesh_make(&mesh, shape, triangles);
+    ck_assert_msg(mn_mesh_quantise(&mesh, 0, &st) == MN_OK, "%s", st.text);
     mn_code code = mn_simplify(&mesh, &(mn_simplify_desc){0}, &out->tree, &st);
     if (code == MN_OK)
         code = mn_block_write(out->path, &out->tree, blocks, &out->header, &counts, &st);

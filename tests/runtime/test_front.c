@@ -25,7 +25,7 @@ typedef struct rig {
 static void rig_start(rig *r) {
     mn_status st = {0};
     const mn_header *h = &r->m.header;
-    r->limits = (mni_block_limits){h->leaves, h->nodes, h->file_bytes, h->has_colors};
+    r->limits = mni_block_limits_of(h);
     uint32_t simplices = (uint32_t)(h->triangles + h->hinges);
     size_t need = mni_store_need_bytes(h, MN_STORE_RESIDENT, 0) +
                   mni_front_need_bytes(h, h->leaves, simplices);
@@ -502,7 +502,7 @@ END_TEST
 /* ---- blocks that are not their parents' -------------------------------------------------------
  */
 
-enum { LIE_ORDER, LIE_VALUE, LIE_RADIUS, LIE_CONE, LIE_LO, LIE_HI, LIE_POSITION, LIES };
+enum { LIE_ORDER, LIE_VALUE, LIE_RADIUS, LIE_CONE, LIE_LO, LIE_HI, LIES };
 
 static void tell(int lie, mni_subtree *subtree, mni_facts *facts) {
     switch (lie) {
@@ -510,10 +510,10 @@ static void tell(int lie, mni_subtree *subtree, mni_facts *facts) {
         facts->order++;
         break;
     case LIE_VALUE:
-        facts->switch_value *= 1.01f;
+        facts->switch_value = mni_switch_up(1.01f * facts->switch_value);
         break;
     case LIE_RADIUS:
-        facts->radius *= 1.01f;
+        facts->radius = mni_radius_up(1.01f * facts->radius);
         break;
     case LIE_CONE:
         facts->cone.angle++;
@@ -521,11 +521,8 @@ static void tell(int lie, mni_subtree *subtree, mni_facts *facts) {
     case LIE_LO:
         subtree->leaf_lo--;
         break;
-    case LIE_HI:
-        subtree->leaf_hi++;
-        break;
     default:
-        subtree->position[1] += 1e-3f;
+        subtree->leaf_hi++;
     }
 }
 
@@ -545,12 +542,15 @@ static uint32_t lie_in_block(unsigned char *bytes, uint32_t pages, const model *
     mni_block_reopen(&view, bytes);
     ck_assert(view.nodes == 1 && view.subtrees == 1);
     mni_block_subtree(&view, 0, &subtree);
-    mni_block_node(&view, 0, &node);
+    mni_block_node(&view, 0, &(mni_place){subtree.leaf_lo, subtree.leaf_hi, {0}}, &node);
     const uint32_t order = node.facts.order;
     if (frame.parent_id == 0 || node.overflow_ref != MN_NONE)
         return MN_NONE;
+    mni_node was = node;
     tell(lie, &subtree, &node.facts);
-    mni_tally_init(&tally, view.has_colors);
+    node.at.leaf_lo = subtree.leaf_lo;
+    node.at.leaf_hi = subtree.leaf_hi;
+    mni_tally_init(&tally, view.has_colors, view.step);
     mni_tally_subtree(&tally, &subtree);
     mni_tally_node(&tally, &node);
     for (int pass = 0; pass < 2; pass++) {
@@ -559,9 +559,9 @@ static uint32_t lie_in_block(unsigned char *bytes, uint32_t pages, const model *
             mni_encoder_subtree(&encoder, &subtree);
             mni_encoder_node(&encoder, &node);
         }
-        for (uint32_t i = 0; i < view.simplices; i++) {
+        for (uint32_t i = 0; i < was.simplex_count; i++) {
             uint32_t corner[3];
-            mni_block_simplex(&view, i, corner);
+            mni_block_simplex(&view, &was, i, corner);
             if (pass == 0)
                 mni_tally_simplex(&tally, corner);
             else
@@ -575,8 +575,7 @@ static uint32_t lie_in_block(unsigned char *bytes, uint32_t pages, const model *
         mni_frame_set_ref(made, i, mni_frame_ref(bytes, i));
     frame.payload_bytes = (uint32_t)mni_tally_bytes(&tally, frame.refs);
     mni_frame_seal(made, &frame, (mn_block_ref){self[0], self[1]}, m->header.build_id);
-    const mni_block_limits limits = {m->header.leaves, m->header.nodes, m->header.file_bytes,
-                                     m->header.has_colors};
+    const mni_block_limits limits = mni_block_limits_of(&m->header);
     if (!mni_front_block_check(&limits, made, length))
         return MN_NONE;
     memcpy(bytes, made, length);

@@ -27,7 +27,7 @@ static void rig_open(rig *r, model_shape shape) {
     model_make(&r->m, shape, TRIANGLES, &levels_5);
     const mn_header *h = &r->m.header;
     uint32_t nodes = (h->leaves + 63) & ~63u, simplices = (uint32_t)(h->triangles + h->hinges);
-    r->limits = (mni_block_limits){h->leaves, h->nodes, h->file_bytes, h->has_colors};
+    r->limits = mni_block_limits_of(h);
     mni_store_desc store = {.path = r->m.path,
                             .header = h,
                             .kind = MN_STORE_RESIDENT,

@@ -22,7 +22,7 @@ static mn_header header_of(uint32_t leaves, uint32_t block_bytes) {
                    .nodes_per_block_max = 500,
                    .roots = 1};
     h.file_bytes = ((uint64_t)h.blocks + 1) * block_bytes;
-    h.root[0] = (mn_root){{1, block_bytes / 4096}, 0};
+    h.root[0] = (mn_root){.block = {1, block_bytes / 4096}};
     return h;
 }
 

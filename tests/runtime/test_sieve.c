@@ -34,7 +34,7 @@ static node random_node(double size) {
         n.position[i] = (float)uniform(-size, size);
         axis[i] = (float)uniform(-1, 1);
     }
-    n.cone = uniform(0, 1) < 0.1 ? (mn_cone){{0, 0}, UINT16_MAX}
+    n.cone = uniform(0, 1) < 0.1 ? (mn_cone){{0, 0}, MN_CONE_NO_BOUND}
                                  : mn_cone_make(axis, (float)uniform(0, 1.7));
     return n;
 }

@@ -35,7 +35,7 @@ static mni_lens lens_of(mn_camera camera, double tolerance_px) {
 }
 
 static mn_cone no_bound(void) {
-    return (mn_cone){.axis = {0, 0}, .angle = UINT16_MAX};
+    return (mn_cone){.axis = {0, 0}, .angle = MN_CONE_NO_BOUND};
 }
 
 /* 100 pixels high at 90 degrees: 50 pixels a unit at distance 1. */
@@ -188,8 +188,8 @@ START_TEST(silhouettes) {
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         const float axis[3] = {(float)sin(cases[i].tilt), 0, (float)cos(cases[i].tilt)};
         mni_bounds node = {at, (float)cases[i].radius, 1, mn_cone_make(axis, (float)cases[i].half)};
-        ck_assert_msg(fabs(weight_of(&lens, &node) - cases[i].weight) < 1e-3, "case %zu: %g", i,
-                      weight_of(&lens, &node));
+        double over = weight_of(&lens, &node) - cases[i].weight; /* cones are widened by a degree */
+        ck_assert_msg(over > -1e-3 && over < 0.08, "case %zu: %g", i, weight_of(&lens, &node));
     }
 }
 END_TEST
@@ -209,8 +209,8 @@ START_TEST(light) {
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         const float axis[3] = {(float)sin(cases[i].tilt), 0, (float)cos(cases[i].tilt)};
         mni_bounds node = {at, 0, 1, mn_cone_make(axis, (float)cases[i].half)};
-        ck_assert_msg(fabs(weight_of(&lens, &node) - cases[i].weight) < 1e-3, "case %zu: %g", i,
-                      weight_of(&lens, &node));
+        double over = weight_of(&lens, &node) - cases[i].weight; /* cones are widened by a degree */
+        ck_assert_msg(over > -1e-3 && over < 0.08, "case %zu: %g", i, weight_of(&lens, &node));
     }
     /* without a direction: the key light of the pictures, left, above and behind the camera */
     mni_lens key = lens_with((mn_weights){.light = 3});
