@@ -23,7 +23,7 @@ static const char keys_help[] =
     "  right drag the same         f  flat               s      picture to metanode-N.png\n"
     "  shift or middle drag  pan   r  back to the start  p      record a path, stop: "
     "metanode-N.path\n"
-    "                                                    h ?    this      q esc  quit\n";
+    "                        o  silhouettes finer        h ?    this      q esc  quit\n";
 
 enum { NUMBERED_MAX = 10000 };      /* pictures and paths in one directory */
 static const double idle_s = 1;     /* how long to sleep when nothing happens */
@@ -123,10 +123,27 @@ static mn_code open_all(viewer *v, mn_status *st) {
 
 /* ---- what the user does --------------------------------------------------------------------- */
 
-static void set_tolerance(viewer *v, float tolerance_px) {
-    v->tolerance_px = fminf(fmaxf(tolerance_px, 0.01f), 1000);
+/* The tolerance × factor; with a target of triangles, that over it. */
+static void coarsen(viewer *v, float factor) {
+    uint64_t *target = &v->options.desc.triangles_max;
+    v->adapting = true;
+    if (*target > 0) {
+        *target = (uint64_t)fmin(fmax((double)*target / (double)factor, 100), 1e9);
+        mn_session_set_triangles_max(v->session, *target);
+        printf("at most %" PRIu64 " triangles\n", *target);
+        return;
+    }
+    v->tolerance_px = fminf(fmaxf(v->tolerance_px * factor, 0.01f), 1000);
     mn_session_set_tolerance(v->session, v->tolerance_px);
     printf("tolerance %.3g px\n", v->tolerance_px);
+}
+
+/* Silhouettes count for more, or do not. */
+static void weigh_silhouettes(viewer *v) {
+    mn_weights *weights = &v->options.desc.weights;
+    weights->silhouette = weights->silhouette > 1 ? 1 : SESSION_TIGHTER;
+    mn_session_set_weights(v->session, weights);
+    printf("silhouettes %s\n", weights->silhouette > 1 ? "on" : "off");
     v->adapting = true;
 }
 
@@ -195,10 +212,13 @@ static bool take_character(viewer *v, uint32_t character) {
         break;
     case '+':
     case '=': /* the same key, unshifted */
-        set_tolerance(v, v->tolerance_px * finer);
+        coarsen(v, finer);
         break;
     case '-':
-        set_tolerance(v, v->tolerance_px / finer);
+        coarsen(v, 1 / finer);
+        break;
+    case 'o':
+        weigh_silhouettes(v);
         break;
     case ' ':
         v->paused = !v->paused;

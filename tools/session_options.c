@@ -8,7 +8,6 @@
 enum {
     SIZE_MAX_PX = 16384, /* what drivers make at most */
     FACTOR_MAX = 1000,
-    TIGHTER = 2, /* on silhouettes and for the light, when nothing else is said */
 };
 #define FACTOR "on, off, or a factor from 1 to 1000"
 
@@ -18,6 +17,8 @@ const char session_options_help[] =
     "  -K N              place holders; min: as few as work\n"
     "  --store S         paged (default), mapped, resident\n"
     "  --tolerance PX    error on the screen that is let pass (1.0)\n"
+    "  --triangles-max N  a target instead: the smallest tolerance for which so many are enough;\n"
+    "                    with --tolerance: none smaller than that\n"
     "  --size WxH        picture in pixels (1280x720)\n"
     "  --fov DEG         vertical opening of the camera (45)\n"
     "  --frames N        frames of the whole path (600)\n"
@@ -43,7 +44,7 @@ static void warn(void *context, const char *text) {
 }
 
 void session_options_init(session_options *o) {
-    *o = (session_options){.fov_y_deg = 45, .frames = 600, .light_factor = TIGHTER};
+    *o = (session_options){.fov_y_deg = 45, .frames = 600, .light_factor = SESSION_TIGHTER};
     o->desc.fps = 60;
     o->desc.width_px = 1280;
     o->desc.height_px = 720;
@@ -136,6 +137,9 @@ static const char *take(session_options *o, int option, const char *value) {
         return take_float(value, 1e-3, 1e6, &o->desc.tolerance_px)
                    ? NULL
                    : "--tolerance: pixels, 0.001 to 1000000";
+    case SESSION_TRIANGLES_MAX:
+        return cli_u64(value, 1, UINT32_MAX, &o->desc.triangles_max) ? NULL
+                                                                     : "--triangles-max: a number";
     case SESSION_SIZE:
         return take_size(o, value) ? NULL : "--size: such as 1280x720, up to 16384 each way";
     case SESSION_FOV:
@@ -155,8 +159,9 @@ static const char *take(session_options *o, int option, const char *value) {
     case SESSION_CONES:
         return take_factor(value, 0, &o->desc.weights.away) ? NULL : "--cones: " FACTOR;
     case SESSION_SILHOUETTES:
-        return take_factor(value, TIGHTER, &o->desc.weights.silhouette) ? NULL
-                                                                        : "--silhouettes: " FACTOR;
+        return take_factor(value, SESSION_TIGHTER, &o->desc.weights.silhouette)
+                   ? NULL
+                   : "--silhouettes: " FACTOR;
     case SESSION_LIGHT:
         return take_light(o, value) ? NULL : "--light: on, off, or a direction such as -1,1,1";
     case SESSION_LIGHT_FACTOR:
@@ -197,6 +202,11 @@ int session_options_file(session_options *o, int argc, char **argv) {
     if (argc - optind != 1)
         return cli_error(MN_USAGE, "%s: %s; see metanode %s --help", argv[0],
                          argc == optind ? "which FILE?" : "one FILE at a time", argv[0]);
+    if (o->desc.triangles_max > 0 && o->desc.degrade_off)
+        return cli_error(MN_USAGE,
+                         "%s: --triangles-max moves the tolerance, and --degrade off "
+                         "keeps it: one of them",
+                         argv[0]);
     o->desc.path = argv[optind];
     o->desc.weights.light = o->light ? o->light_factor : 1;
     return MN_OK;

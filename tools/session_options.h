@@ -30,6 +30,7 @@ enum session_option { /* what cli_option returns for them; letters are free for 
                       SESSION_RAM,
                       SESSION_STORE,
                       SESSION_TOLERANCE,
+                      SESSION_TRIANGLES_MAX,
                       SESSION_SIZE,
                       SESSION_FOV,
                       SESSION_FRAMES,
@@ -49,12 +50,15 @@ enum session_option { /* what cli_option returns for them; letters are free for 
                       SESSION_OPTION_END, /* first value for a command's own long options */
 };
 
+enum { SESSION_TIGHTER = 2 }; /* on silhouettes and for the light, when nothing else is said */
+
 #define SESSION_OPTIONS_SHORT "K:"
 #define SESSION_OPTIONS                                                                            \
     {"path", required_argument, NULL, SESSION_PATH},                                               \
         {"ram", required_argument, NULL, SESSION_RAM},                                             \
         {"store", required_argument, NULL, SESSION_STORE},                                         \
         {"tolerance", required_argument, NULL, SESSION_TOLERANCE},                                 \
+        {"triangles-max", required_argument, NULL, SESSION_TRIANGLES_MAX},                         \
         {"size", required_argument, NULL, SESSION_SIZE},                                           \
         {"fov", required_argument, NULL, SESSION_FOV},                                             \
         {"frames", required_argument, NULL, SESSION_FRAMES},                                       \

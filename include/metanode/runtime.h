@@ -81,7 +81,10 @@ typedef struct mn_session_desc {
     bool degrade_off;
     uint64_t seed; /* of the simulated disk */
     mn_sim_desc sim;
-    float tolerance_px; /* 0: 1.0; as mn_session_set_tolerance */
+    float tolerance_px;     /* 0: 1.0, or, with a target of triangles, 2^-10 */
+    uint64_t triangles_max; /* active triangles, a target: the tolerance rises from tolerance_px
+                               until so many are enough; never more in a frame, but for those that
+                               stood. 0: none. Not with degrade_off */
     mn_weights weights;
     uint32_t width_px, height_px; /* 0: 1280 × 720 */
     uint64_t nav_ops;             /* operations a frame; 0: no limit */
@@ -158,6 +161,8 @@ void mn_session_drain(mn_session *session);
 void mn_session_set_tolerance(mn_session *session, float tolerance_px);
 /* From the next frame on the picture has that size, above 0 each way: a window was resized. */
 void mn_session_set_size(mn_session *session, uint32_t width_px, uint32_t height_px);
+/* From the next frame on; 0: no target. */
+void mn_session_set_triangles_max(mn_session *session, uint64_t triangles_max);
 /* From the next frame on. */
 void mn_session_set_weights(mn_session *session, const mn_weights *weights);
 bool mn_session_at_roots(const mn_session *session);

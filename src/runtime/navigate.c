@@ -119,6 +119,7 @@ static void collapse_pass(mni_navigator *nav) {
         uint32_t fork = item.what, parent = front->branch[fork].parent;
         if (nav->ops_max > 0 && ops(nav) >= nav->ops_max) {
             nav->work.refused_budget++;
+            nav->work.refused_collapse = true;
             continue;
         }
         uint32_t triangles = front->triangles;
@@ -129,6 +130,7 @@ static void collapse_pass(mni_navigator *nav) {
         nav->work.collapses += outcome == MNI_DONE;
         nav->work.misses += outcome == MNI_MISS;
         nav->work.refused_pool += outcome == MNI_REFUSED_POOL;
+        nav->work.refused_collapse |= outcome != MNI_DONE;
         if (outcome == MNI_DONE)
             consider_fork(nav, parent);
     }
@@ -181,6 +183,8 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
                 ++*count;
                 top--;
                 check_small(nav);
+                if (nav->triangles_max > 0 && front->triangles > nav->triangles_max)
+                    outcome = MNI_REFUSED_FRONT;
             }
         }
     }
@@ -199,6 +203,14 @@ static uint32_t split_key(double priority_px) {
     uint32_t bits;
     memcpy(&bits, &value, sizeof bits);
     return UINT32_MAX - bits;
+}
+
+/* The error of a key, or the next float above. */
+static double key_px(uint32_t key) {
+    uint32_t bits = UINT32_MAX - key;
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return nextafterf(value, INFINITY);
 }
 
 static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *item) {
@@ -265,7 +277,10 @@ static void split_agenda(mni_navigator *nav) {
     mni_agenda_begin(&nav->agenda);
 }
 
-static void refuse(mni_navigator *nav, mni_outcome outcome) {
+static void refuse(mni_navigator *nav, uint32_t key, mni_outcome outcome) {
+    bool no_room = outcome == MNI_REFUSED_POOL || outcome == MNI_REFUSED_FRONT;
+    if (no_room && nav->work.refused_px == 0)
+        nav->work.refused_px = key_px(key); /* errors fall: the first is the largest */
     switch (outcome) {
     case MNI_MISS:
     case MNI_BAD:
@@ -273,11 +288,9 @@ static void refuse(mni_navigator *nav, mni_outcome outcome) {
         break;
     case MNI_REFUSED_POOL:
         nav->work.refused_pool++;
-        nav->work.refused_split = true;
         break;
     case MNI_REFUSED_FRONT:
         nav->work.refused_front++;
-        nav->work.refused_split = true;
         break;
     case MNI_REFUSED_BUDGET:
         nav->work.refused_budget++;
@@ -338,7 +351,7 @@ static void split_pass(mni_navigator *nav) {
         if (closed == MNI_DONE)
             outcome = chain_try(nav, slot, &count);
         if (outcome != MNI_DONE) {
-            refuse(nav, outcome);
+            refuse(nav, item.key, outcome);
             if (outcome == MNI_REFUSED_FRONT || outcome == MNI_REFUSED_BUDGET)
                 closed = outcome;
             continue;
@@ -360,28 +373,29 @@ static void split_pass(mni_navigator *nav) {
 /* ---- degrading ---------------------------------------------------------------------------------
  */
 
+/* Of the room that is scarcest. */
+static double fill(const mni_navigator *nav) {
+    const mni_front *f = &nav->front;
+    double share =
+        fmax((double)f->active / f->nodes_max, (double)f->simplices_used / f->simplices_max);
+    if (nav->triangles_max > 0)
+        share = fmax(share, (double)f->triangles / (double)nav->triangles_max);
+    return fmax(share, mni_store_fill(f->store));
+}
+
 void mni_navigator_give_way(mni_navigator *nav, bool reading) {
-    nav->settled_level = true;
-    if (!nav->degrades)
-        return;
-    if (nav->moved)
-        nav->failed = -1;
-    if (nav->hold > 0)
-        nav->hold--;
-    if (nav->work.refused_split) {
-        nav->failed = nav->level > nav->failed ? nav->level : nav->failed;
-        nav->hold = MNI_HOLD_FRAMES;
-        if (nav->level < MNI_LEVEL_MAX) {
-            nav->level++;
-            nav->settled_level = false;
-        }
-    } else if (nav->level > 0 && nav->level - 1 > nav->failed) {
-        nav->settled_level = false;
-        /* first what this level wants must stand, or it is unknown whether there is room */
-        bool busy = reading || ops(nav) > 0 || nav->work.refused_budget > 0;
-        if ((nav->moved || !busy) && nav->hold == 0)
-            nav->level--;
-    }
+    const mni_work *work = &nav->work;
+    bool over = nav->triangles_max > 0 && nav->front.triangles > nav->triangles_max;
+    bool busy = reading || ops(nav) > 0 || work->refused_budget > 0;
+    mni_level_signs signs = {.moved = nav->moved,
+                             .full = over || work->refused_px > 0,
+                             .stale = busy && work->refused_collapse,
+                             .busy = busy,
+                             .from_scratch = work->splits > nav->front.active / 2,
+                             .refused_px = work->refused_px,
+                             .fill = fill(nav)};
+    if (nav->degrades)
+        mni_level_next(&nav->level, nav->tolerance_px, &signs);
 }
 
 /* ---- a frame -----------------------------------------------------------------------------------
@@ -392,7 +406,7 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
                  memcmp(&nav->tolerance_px, &tolerance_px, sizeof tolerance_px) != 0;
     nav->camera = *camera;
     nav->tolerance_px = tolerance_px;
-    double used_px = tolerance_px * exp2((double)nav->level / MNI_LEVELS_A_DOUBLING);
+    double used_px = mni_level_tolerance(&nav->level, tolerance_px);
     bool same = nav->lens.tolerance_px == used_px;
     mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, nav->size, used_px,
                   &nav->weights);
@@ -454,7 +468,8 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     nav->stack = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->stack, 64);
     nav->chain = mni_arena_take(arena, nav->chain_max, sizeof *nav->chain, 64);
     nav->refusal = mni_arena_take(arena, nodes_max, sizeof *nav->refusal, 64);
-    nav->failed = -1;
+    mni_level_open(&nav->level);
+    nav->level.settled = true;
     for (int i = 0; i < 3; i++)
         nav->coordinate_max =
             fmaxf(nav->coordinate_max, fmaxf(fabsf(header->box_min[i]), fabsf(header->box_max[i])));

@@ -4,15 +4,13 @@
 
 #include "agenda.h"
 #include "front.h"
+#include "level.h"
 #include "sieve.h"
 
 enum {
-    MNI_CHAIN_MAX = 1 << 16,   /* splits in one chain of forced splits */
-    MNI_STACK_MAX = 1 << 13,   /* nodes waiting in one */
-    MNI_LEVEL_MAX = 160,       /* of degrading: tolerance × 2^40 */
-    MNI_LEVELS_A_DOUBLING = 4, /* the tolerance rises by 2^(1/4) a step */
-    MNI_HOLD_FRAMES = 8,       /* after a step up, while the camera moves, no step down */
-    MNI_TURNS = 16,            /* frames in which each refused chain has its turn */
+    MNI_CHAIN_MAX = 1 << 16, /* splits in one chain of forced splits */
+    MNI_STACK_MAX = 1 << 13, /* nodes waiting in one */
+    MNI_TURNS = 16,          /* frames in which each refused chain has its turn */
 };
 
 /* What a frame did and could not do (terms in design.md §1). */
@@ -20,7 +18,8 @@ typedef struct mni_work {
     uint64_t splits, collapses, misses;
     uint64_t triangles_made, triangles_removed;
     uint64_t refused_front, refused_budget, refused_pool, waits_dependency;
-    bool refused_split; /* the wanted mesh does not fit: front or pool */
+    double refused_px;     /* the largest error whose split found no room: front or pool; or 0 */
+    bool refused_collapse; /* what is not wanted stands, for want of a block or of budget */
 } mni_work;
 
 typedef struct mni_navigator {
@@ -42,12 +41,12 @@ typedef struct mni_navigator {
     /* by the session: at open, and when they change */
     uint32_t width_px, height_px;
     mn_weights weights;
+    uint64_t triangles_max; /* 0: as many as there is room for */
     mni_lens lens;
     mni_sieve sieve; /* the lens, in single precision */
     mn_camera camera;
     double tolerance_px; /* as asked for; the lens has what is used */
     bool moved;          /* the camera or the tolerance is not the last frame's */
-    bool settled_level;  /* the level of degrading would not change if the camera stood */
     bool again;          /* a chain refused for no known block may go through now */
     bool lenient;        /* nothing moved, but blocks came into use or went */
     uint32_t turn;       /* of the frame: whose refused chains are tried, at less than their need */
@@ -55,10 +54,7 @@ typedef struct mni_navigator {
     uint64_t epoch;      /* of the store, then */
     mni_work work;
 
-    /* degrading */
-    int level;  /* tolerance × 2^(level / 4) */
-    int failed; /* the highest level that did not fit since the camera moved; -1: none */
-    int hold;
+    mni_level level; /* of degrading */
 } mni_navigator;
 
 /* The front and what else a frame needs, from the arena; for the plan. */

@@ -26,6 +26,10 @@ enum {
     ROUNDS_MAX = 1 << 16, /* frames that one frame with a barrier may take */
 };
 
+/* Under a target of triangles no tolerance need be given: they go where errors are largest, and as
+ * far down as nobody sees. */
+#define TOLERANCE_LEAST_PX (1.0f / 1024)
+
 struct mn_session {
     /* const after open */
     mn_session_desc desc; /* path and hooks are the caller's; the store uses them until close */
@@ -99,6 +103,7 @@ static mn_code parts_open(mn_session *s, mn_status *st) {
     s->nav.width_px = s->desc.width_px;
     s->nav.height_px = s->desc.height_px;
     s->nav.weights = s->desc.weights;
+    s->nav.triangles_max = s->desc.triangles_max;
     s->nav.size = model_size(&s->header);
     return mni_navigator_open(&s->nav, s->store, &s->header, s->plan.front_max,
                               s->plan.simplices_max, &s->arena, st);
@@ -113,7 +118,14 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
     s->desc.width_px = desc->width_px > 0 ? desc->width_px : WIDTH_PX;
     s->desc.height_px = desc->height_px > 0 ? desc->height_px : HEIGHT_PX;
     s->hash_version = UINT64_MAX;
-    mn_session_set_tolerance(s, desc->tolerance_px != 0 ? desc->tolerance_px : 1);
+    float tolerance_px = desc->triangles_max > 0 ? TOLERANCE_LEAST_PX : 1;
+    mn_session_set_tolerance(s, desc->tolerance_px != 0 ? desc->tolerance_px : tolerance_px);
+    if (desc->triangles_max > 0 && desc->degrade_off) {
+        mn_session_close(s);
+        return mn_fail(st, MN_USAGE,
+                       "a target of triangles moves the tolerance, which is to stand "
+                       "still (--degrade off)");
+    }
     mni_ram_plan_desc plan = {desc->ram_bytes, desc->base_bytes, desc->k, desc->front_max};
     mn_code code = mn_header_read(desc->path, &s->header, st);
     if (code == MN_OK)
@@ -183,7 +195,7 @@ static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *sta
 #ifdef MN_SLOW_CHECKS
     mn_session_check(s);
 #endif
-    return work->splits + work->collapses > 0 || pending > 0 || !s->nav.settled_level;
+    return work->splits + work->collapses > 0 || pending > 0 || !s->nav.level.settled;
 }
 
 /* The front's hash; the agenda, idle between frames, is the scratch. */
@@ -281,6 +293,11 @@ void mn_session_set_size(mn_session *s, uint32_t width_px, uint32_t height_px) {
 
 void mn_session_set_weights(mn_session *s, const mn_weights *weights) {
     s->nav.weights = *weights;
+    s->nav.camera = (mn_camera){0}; /* as above */
+}
+
+void mn_session_set_triangles_max(mn_session *s, uint64_t triangles_max) {
+    s->nav.triangles_max = triangles_max;
     s->nav.camera = (mn_camera){0}; /* as above */
 }
 

@@ -14,6 +14,7 @@ struct mni_store {
     const mni_store_kind *kind;
     void *blocks; /* the kind's own */
     const mn_header *header;
+    uint32_t places; /* place holders, when they are fewer than blocks; else 0 */
     /* Navigate only */
     mni_ancestors table;
     bool table_full; /* what the last MNI_REFUSED was about, and no block */
@@ -80,6 +81,7 @@ mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store *
     mni_store *store = mni_arena_take(arena, 1, sizeof *store, _Alignof(mni_store));
     store->kind = kind_of(desc->kind);
     store->header = desc->header;
+    store->places = desc->kind == MN_STORE_PAGED && desc->k < desc->header->blocks ? desc->k : 0;
     mni_ancestors_open(&store->table, mni_store_entries_max(desc->header, desc->kind, desc->k),
                        arena);
     mn_code code = store->kind->open(desc, arena, &store->blocks, st);
@@ -242,6 +244,10 @@ uint64_t mni_store_epoch(const mni_store *store) {
 void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident) {
     *in_use = store->table.in_use;
     *resident = store->kind->resident(store->blocks, *in_use);
+}
+
+double mni_store_fill(const mni_store *store) {
+    return store->places > 0 ? (double)store->table.count / store->places : 0;
 }
 
 bool mni_store_shrink(mni_store *store) {

@@ -130,6 +130,9 @@ uint32_t mni_store_pending(mni_store *store);
 uint64_t mni_store_epoch(const mni_store *store);
 /* Blocks in use and blocks in real memory. */
 void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident);
+/* Blocks in use and their ancestors over place holders: near 1 switches down are refused. 0: there
+ * is room for all blocks. */
+double mni_store_fill(const mni_store *store);
 
 /* paged, between frames: takes one chunk of place holders out of service and gives its memory back,
  * or into service again. shrink: false when each chunk holds something in use, or what would be

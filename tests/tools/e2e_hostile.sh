@@ -580,6 +580,9 @@ replay good.mnt --path orbit --light 0,0,0
 replay good.mnt --path orbit --light 1,2
 replay good.mnt --path orbit --light nan,0,1
 replay good.mnt --path orbit --light-factor x
+replay good.mnt --path orbit --triangles-max 0
+replay good.mnt --path orbit --triangles-max many
+replay good.mnt --path orbit --triangles-max 100 --degrade off
 replay good.mnt --path orbit --seed x
 shoot good.mnt --path orbit --frame 5
 shoot good.mnt --path orbit --frame x -o x.png

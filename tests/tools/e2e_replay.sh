@@ -166,6 +166,15 @@ options() {
     for i in 1 2 3 4; do
         holds "weight $i: more triangles than with the defaults" "${triangles[$i]} > ${triangles[0]}"
     done
+    for weight in "--store resident" "-K min" "--io sim --nav-ops 100"; do
+        # shellcheck disable=SC2086
+        expect 0 "target: $weight" replay "$file" --path dive --frames 30 --triangles-max 1500 --fps 0 --json $weight &&
+            holds "target: $weight: never more" "$(figures triangles_max) <= 1500"
+        [[ $weight != "-K min" ]] || continue
+        # shellcheck disable=SC2086
+        expect 0 "target, settled: $weight" replay "$file" --path dive --frames 9 --triangles-max 1500 --barrier \
+            --fps 0 --json $weight && holds "target: $weight: reached" "$(figures triangles_mean) > 1350"
+    done
     expect 0 "frames" replay "$file" --path flyover --frames 7 --fps 0 --json && equal frames frames 7
     expect 0 "one frame" replay "$file" --path dive --frames 1 --fps 0 --json && equal "one frame" frames 1
     expect 0 "budget" replay "$file" --path orbit --frames 10 --fps 0 --nav-ops 5 --json --csv budget.csv &&

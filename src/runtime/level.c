@@ -1,0 +1,120 @@
+/* See level.h. A ladder of tolerances, 2^(1/64) apart: 1.1 % more tolerance is 1 to 2 % fewer
+ * triangles, so the lowest rung that fits fills the room.
+ *
+ * Hides: which rung is next. Everything that has no room (the front, the place holders, a target of
+ * triangles) is the same: the tolerance rises over the whole screen, and falls when there is room.
+ *
+ *   the camera stands  what fits at a level fits at every higher one: a search between the highest
+ *                      that was too low and the lowest that is enough, in strides that double and,
+ *                      between both, halve. No level is tried twice, so it ends, and with
+ * everything in memory at the same rung from whichever side: the lowest that fits. the camera moves
+ * up as long as something is refused, in strides that double; down, after a pause, as far as the
+ * room that is left allows.
+ *
+ * Wanted nodes are split by falling error. So when one is refused, all that is wanted at its own
+ * error stands: a level that is enough is known without a trial. (It may be too high by far, where
+ * what stood before holds the room; hence strides. Where the frame has made most of its front from
+ * nothing, it does not, and the level goes there at once.)
+ *
+ * Pure functions on plain data; Navigate only. Paper: none; design.md §4, "Degrading". */
+#include "level.h"
+
+#include <math.h>
+
+#include "assert.h"
+
+enum { UNKNOWN = MNI_LEVEL_MAX + 1 };
+
+/* While the camera moves so much room is left: at the rim every frame would refuse something. */
+static const double FILL_MOVING = 0.97;
+
+void mni_level_open(mni_level *l) {
+    *l = (mni_level){.too_low = -1, .enough = UNKNOWN};
+}
+
+double mni_level_tolerance(const mni_level *l, double tolerance_px) {
+    return tolerance_px * exp2((double)l->level / MNI_LEVELS_A_DOUBLING);
+}
+
+static int least(int a, int b) {
+    return a < b ? a : b;
+}
+
+static int most(int a, int b) {
+    return a > b ? a : b;
+}
+
+/* The first level at which nothing of that error is wanted. */
+static int level_of(double error_px, double tolerance_px) {
+    double level = ceil(MNI_LEVELS_A_DOUBLING * log2(error_px / tolerance_px));
+    return level >= 0 && level < UNKNOWN ? (int)level : UNKNOWN; /* UNKNOWN for NaN too */
+}
+
+/* Twice as far as last time, if that was the same way. */
+static int stride(const mni_level *l, int way) {
+    return l->stride * way > 0 ? 2 * l->stride : way;
+}
+
+static void rise(mni_level *l, double tolerance_px, const mni_level_signs *s) {
+    int at_error = s->refused_px > 0 ? level_of(s->refused_px, tolerance_px) : UNKNOWN;
+    if (!s->stale)
+        l->too_low = most(l->too_low, l->level);
+    if (l->enough <= l->level)
+        l->enough = UNKNOWN; /* the front was another then */
+    if (at_error > l->level)
+        l->enough = least(l->enough, at_error);
+    l->hold = MNI_LEVEL_HOLD_FRAMES;
+    if (s->from_scratch && l->enough < UNKNOWN) {
+        l->level = l->enough;
+        l->stride = 0;
+        return;
+    }
+    l->stride = least(stride(l, 1), MNI_LEVEL_STRIDE);
+    int next = least(l->level + l->stride, MNI_LEVEL_MAX);
+    if (!s->moved && l->enough < UNKNOWN)
+        next = least(next, (l->level + l->enough + 1) / 2);
+    l->level = next;
+}
+
+/* How far the level may fall at once: triangles grow about as the tolerance falls, or faster. */
+static int reach(const mni_level_signs *s) {
+    if (!(s->fill > 0))
+        return MNI_LEVEL_STRIDE;
+    double share = s->moved ? FILL_MOVING : 1;
+    double levels = MNI_LEVELS_A_DOUBLING / 2 * log2(share / s->fill);
+    return levels < MNI_LEVEL_STRIDE ? most((int)levels, !s->moved) : MNI_LEVEL_STRIDE;
+}
+
+static void fall(mni_level *l, const mni_level_signs *s) {
+    if (!s->busy)
+        l->enough = least(l->enough, l->level);
+    if (l->level - 1 <= l->too_low) {
+        l->stride = 0;
+        return;
+    }
+    l->settled = false;
+    if (s->moved ? l->hold > 0 : s->busy)
+        return;
+    l->stride = -least(-stride(l, -1), reach(s));
+    int next = most(l->level + l->stride, 0);
+    if (next <= l->too_low)
+        next = l->too_low + (l->level - l->too_low) / 2;
+    l->level = next;
+}
+
+void mni_level_next(mni_level *l, double tolerance_px, const mni_level_signs *s) {
+    l->settled = true;
+    if (s->moved) {
+        l->too_low = -1;
+        l->enough = UNKNOWN;
+    }
+    if (l->hold > 0)
+        l->hold--;
+    if (s->full) {
+        l->settled = l->level == MNI_LEVEL_MAX;
+        rise(l, tolerance_px, s);
+    } else {
+        fall(l, s);
+    }
+    MN_ASSERT(l->level >= 0 && l->level <= MNI_LEVEL_MAX);
+}

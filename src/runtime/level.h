@@ -1,0 +1,40 @@
+/* How far the tolerance gives way where the wanted mesh does not fit. See level.c. */
+#ifndef MNI_LEVEL_H
+#define MNI_LEVEL_H
+
+#include <stdbool.h>
+
+enum {
+    MNI_LEVELS_A_DOUBLING = 64,                   /* 1.1 % a level */
+    MNI_LEVEL_MAX = 40 * MNI_LEVELS_A_DOUBLING,   /* tolerance × 2^40 */
+    MNI_LEVEL_STRIDE = MNI_LEVELS_A_DOUBLING / 4, /* at most so many a frame, in motion */
+    MNI_LEVEL_HOLD_FRAMES = 8, /* after a step up, while the camera moves, no step down */
+};
+
+typedef struct mni_level {
+    int level;    /* the tolerance's: × 2^(level / 64) */
+    int too_low;  /* the highest that did not fit since the camera moved; -1: none */
+    int enough;   /* the lowest that would do; MNI_LEVEL_MAX + 1: none is known */
+    int stride;   /* the last one, up above 0, down below; the next one that way is twice as long */
+    int hold;     /* frames */
+    bool settled; /* it would not change if the camera stood */
+} mni_level;
+
+/* What a frame showed. */
+typedef struct mni_level_signs {
+    bool moved;        /* the camera, the tolerance or the room is not the last frame's */
+    bool full;         /* something wanted found no room */
+    bool stale;        /* something that is not wanted may have taken it */
+    bool busy;         /* not all that is wanted is there yet: it is unknown whether it fits */
+    bool from_scratch; /* most of the front was made in this frame */
+    double refused_px; /* the largest error that found no room; of its size and above all fits */
+    double fill;       /* share of the room that is taken, of the scarcest; 0: nobody knows */
+} mni_level_signs;
+
+void mni_level_open(mni_level *level);
+/* The tolerance at the level. */
+double mni_level_tolerance(const mni_level *level, double tolerance_px);
+/* The level for the next frame, after one at tolerance_px (as asked for). */
+void mni_level_next(mni_level *level, double tolerance_px, const mni_level_signs *signs);
+
+#endif

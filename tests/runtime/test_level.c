@@ -1,0 +1,159 @@
+/* Goal: the search for a tolerance ends at the lowest level that fits, from wherever it starts, and
+ * in motion moves evenly, up and back. Method: worlds whose room is a formula, so that the level
+ * that it ends at is known; random ones with a seed; no front. */
+#include <check.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "level.h"
+#include "suite.h"
+
+enum { FRAMES_MAX = 1000 };
+
+static uint64_t random_state;
+
+static uint64_t below(uint64_t n) {
+    random_state = random_state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return (random_state >> 33) % n;
+}
+
+/* Everything below `lowest` is too low. The error of what is refused is anything above. */
+static mni_level_signs look(int level, int lowest, bool knows_errors, bool knows_fill) {
+    mni_level_signs s = {.full = level < lowest};
+    if (s.full && knows_errors)
+        s.refused_px = exp2((double)(lowest + (int)below(200)) / MNI_LEVELS_A_DOUBLING);
+    if (knows_fill)
+        s.fill = s.full ? 1 : exp2((double)(lowest - level) / MNI_LEVELS_A_DOUBLING);
+    return s;
+}
+
+/* Frames with a standing camera until settled. */
+static int stand(mni_level *l, int lowest, bool knows_errors, bool knows_fill) {
+    bool too_low[MNI_LEVEL_MAX + 1] = {false};
+    int frames = 0;
+    do {
+        mni_level_signs s = look(l->level, lowest, knows_errors, knows_fill);
+        s.moved = frames == 0;
+        ck_assert_msg(!too_low[l->level], "level %d again", l->level); /* or it would thrash */
+        too_low[l->level] = s.full;
+        mni_level_next(l, 1, &s);
+        frames++;
+    } while (!l->settled && frames < FRAMES_MAX);
+    return frames;
+}
+
+START_TEST(the_lowest_that_fits) {
+    for (int i = 0; i < 2000; i++) {
+        mni_level l;
+        mni_level_open(&l);
+        l.level = (int)below(below(2) ? 10 : MNI_LEVEL_MAX + 1);
+        int lowest = below(8) == 0 ? 0 : (int)below(MNI_LEVEL_MAX + 1), start = l.level;
+        int frames = stand(&l, lowest, _i & 1, _i & 2);
+        ck_assert_int_eq(l.level, lowest);
+        ck_assert_int_le(frames, abs(lowest - start) / MNI_LEVEL_STRIDE + 30);
+        for (int again = 0; again < 20; again++) { /* and there it stays */
+            mni_level_signs s = look(l.level, lowest, _i & 1, _i & 2);
+            mni_level_next(&l, 1, &s);
+            ck_assert(l.settled && l.level == lowest);
+        }
+    }
+}
+END_TEST
+
+/* A front made in one frame says where the tolerance must be. */
+START_TEST(at_once_from_scratch) {
+    mni_level l;
+    mni_level_open(&l);
+    mni_level_signs s = {.moved = true, .full = true, .from_scratch = true};
+    s.refused_px = 64; /* six doublings above the tolerance */
+    mni_level_next(&l, 1, &s);
+    ck_assert_int_eq(l.level, 6 * MNI_LEVELS_A_DOUBLING);
+    ck_assert_int_lt(stand(&l, 6 * MNI_LEVELS_A_DOUBLING - 1, true, true), 8);
+    ck_assert_int_eq(l.level, 6 * MNI_LEVELS_A_DOUBLING - 1);
+}
+END_TEST
+
+/* The room needed swells and shrinks while the camera moves. */
+START_TEST(even_in_motion) {
+    mni_level l;
+    mni_level_open(&l);
+    int turns = 0, way = 0, wanting = 0;
+    for (int frame = 0; frame < 2000; frame++) {
+        int lowest = frame >= 1600 ? -20 : (int)(200 - 200 * cos(frame * 0.004));
+        mni_level_signs s = look(l.level, lowest, _i & 1, _i & 2);
+        s.moved = s.busy = true;
+        int before = l.level;
+        mni_level_next(&l, 1, &s);
+        int step = l.level - before;
+        ck_assert_int_le(abs(step), MNI_LEVEL_STRIDE);
+        turns += step * way < 0;
+        way = step != 0 ? step : way;
+        wanting += abs(l.level - lowest) > 2 * MNI_LEVEL_STRIDE;
+    }
+    ck_assert_int_eq(l.level, 0); /* it comes back */
+    ck_assert_int_lt(wanting, 100);
+    ck_assert_int_lt(turns, _i & 2 ? 40 : 400);
+}
+END_TEST
+
+/* While blocks are on their way nobody knows whether a level fits: it stands. */
+START_TEST(waits_for_blocks) {
+    mni_level l;
+    mni_level_open(&l);
+    l.level = 100;
+    mni_level_signs s = {.busy = true};
+    for (int i = 0; i < 50; i++) {
+        mni_level_next(&l, 1, &s);
+        ck_assert(l.level == 100 && !l.settled);
+    }
+    s.busy = false;
+    mni_level_next(&l, 1, &s);
+    ck_assert_int_lt(l.level, 100);
+}
+END_TEST
+
+/* What could not be collapsed yet may hold the room: the level that was refused is tried again. */
+START_TEST(stale_refusals_are_no_verdict) {
+    mni_level l;
+    mni_level_open(&l);
+    mni_level_signs s = {.full = true, .stale = true, .busy = true};
+    for (int i = 0; i < 5; i++)
+        mni_level_next(&l, 1, &s);
+    ck_assert_int_gt(l.level, 5);
+    ck_assert_int_lt(stand(&l, 0, true, true), 40);
+    ck_assert_int_eq(l.level, 0);
+}
+END_TEST
+
+/* Nothing fits, and errors that are no numbers. */
+START_TEST(limits) {
+    mni_level l;
+    mni_level_open(&l);
+    const double errors[] = {NAN, INFINITY, 1e300, 1e-300, 0};
+    for (int i = 0; i < 5 * MNI_LEVEL_MAX / MNI_LEVEL_STRIDE; i++) {
+        mni_level_signs s = {.full = true, .refused_px = errors[i % 5], .fill = 2};
+        mni_level_next(&l, i % 2 ? 1 : -1, &s);
+    }
+    ck_assert(l.level == MNI_LEVEL_MAX && l.settled);
+    ck_assert_double_eq(mni_level_tolerance(&l, 0.5), 0x1p39);
+    ck_assert_double_eq(mni_level_tolerance(&l, INFINITY), INFINITY);
+}
+END_TEST
+
+int main(void) {
+    const char *seed = getenv("MN_SEED");
+    random_state = seed != NULL ? strtoull(seed, NULL, 10) : 20261122;
+    printf("MN_SEED=%llu\n", (unsigned long long)random_state);
+    Suite *suite = suite_create("level");
+    TCase *tc = tcase_create("level");
+    tcase_set_timeout(tc, 60);
+    tcase_add_loop_test(tc, the_lowest_that_fits, 0, 4);
+    tcase_add_test(tc, at_once_from_scratch);
+    tcase_add_loop_test(tc, even_in_motion, 0, 4);
+    tcase_add_test(tc, waits_for_blocks);
+    tcase_add_test(tc, stale_refusals_are_no_verdict);
+    tcase_add_test(tc, limits);
+    suite_add_tcase(suite, tc);
+    return suite_run(suite);
+}
