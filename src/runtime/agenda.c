@@ -133,6 +133,12 @@ bool mni_agenda_pop(mni_agenda *a, mni_agenda_item *out) {
     return true;
 }
 
+mni_agenda_item *mni_agenda_ahead(mni_agenda *a, uint32_t *count) {
+    uint32_t left = a->max - a->next;
+    *count = *count < left ? *count : left;
+    return a->item + a->next;
+}
+
 void mni_agenda_keep(mni_agenda *a, bool (*keep)(const void *context, mni_agenda_item item),
                      const void *context) {
     uint32_t kept = 0, to = a->max;

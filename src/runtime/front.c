@@ -76,6 +76,8 @@ static uint32_t slot_new(mni_front *f) {
     uint32_t slot = f->slot_free;
     if (slot != MN_NONE) {
         f->slot_free = f->node[slot].corner[0];
+        __builtin_prefetch(&f->node[f->slot_free], 1);
+        __builtin_prefetch(&f->face[f->slot_free], 1);
     } else {
         MN_ASSERT(f->slots_high < f->nodes_max);
         slot = f->slots_high++;
@@ -95,6 +97,7 @@ static uint32_t branch_new(mni_front *f) {
     uint32_t b = f->branch_free;
     if (b != MN_NONE) {
         f->branch_free = f->branch[b].parent;
+        __builtin_prefetch(&f->branch[f->branch_free], 1);
     } else {
         MN_ASSERT(f->branches_high < f->nodes_max);
         b = f->branches_high++;
@@ -112,6 +115,8 @@ static uint32_t simplex_new(mni_front *f) {
     uint32_t s = f->simplex_free;
     if (s != MN_NONE) {
         f->simplex_free = f->simplex_leaf[3 * (size_t)s];
+        __builtin_prefetch(&f->simplex_leaf[3 * (size_t)f->simplex_free], 1);
+        __builtin_prefetch(&f->simplex_node[3 * (size_t)f->simplex_free], 1);
     } else {
         MN_ASSERT(f->simplices_high <= f->simplices_max);
         s = f->simplices_high++;

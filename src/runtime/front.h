@@ -186,6 +186,14 @@ uint32_t mni_front_split_blockers(const mni_front *front, uint32_t slot, mni_fro
 /* A neighbour whose parent's order id is below that of the fork, or MN_NONE. */
 uint32_t mni_front_collapse_blocker(mni_front *front, uint32_t fork);
 
+/* Memory that a move of a node will touch, asked for in three steps, each of which reads what the
+ * one before asked for: the node, its simplices, its neighbours. */
+static inline void mni_front_fetch_node(const mni_front *front, uint32_t slot) {
+    __builtin_prefetch(&front->node[slot]);
+}
+void mni_front_fetch_simplices(const mni_front *front, uint32_t slot, bool leaves);
+void mni_front_fetch_ring(const mni_front *front, uint32_t slot);
+
 /* From here on changes are noted anew. */
 void mni_front_changes_forget(mni_front *front);
 

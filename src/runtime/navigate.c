@@ -21,7 +21,12 @@
 
 #include "assert.h"
 
-enum { SMALL_TRIANGLES = 2000 };
+enum {
+    SMALL_TRIANGLES = 2000,
+    FETCHED = 12, /* nodes to split */
+    AHEAD = 64,   /* forks: a quarter is to be tested, and 16 tests keep the memory busy */
+};
+#define FREE (MN_NONE - 1) /* no slot: a fork that nothing blocks */
 
 /* ---- collapses ---------------------------------------------------------------------------------
  */
@@ -95,9 +100,39 @@ static void collapse_agenda(mni_navigator *nav) {
     mni_agenda_begin(&nav->agenda);
 }
 
+/* What is to be popped next is tested together, so that what each needs of the memory is on its way
+ * while the others are: nodes, then simplices, then neighbours. Who is free stays free until its
+ * turn: what collapses before it was no neighbour of its, or it would have blocked it. */
+static uint32_t look_ahead(mni_navigator *nav) {
+    mni_front *front = &nav->front;
+    uint32_t room = AHEAD, count = 0;
+    mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &room), *test[AHEAD];
+    for (uint32_t i = 0; i < room; i++) {
+        __builtin_prefetch(&front->branch[next[i].what]);
+        test[count] = &next[i];
+        count += next[i].order == MN_NONE;
+    }
+    for (uint32_t i = 0; i < count; i++)
+        for (int side = 0; side < 2; side++)
+            mni_front_fetch_node(front, front->branch[test[i]->what].child[side]);
+    for (uint32_t i = 0; i < count; i++)
+        for (int side = 0; side < 2; side++)
+            mni_front_fetch_simplices(front, front->branch[test[i]->what].child[side], false);
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t blocker = mni_front_collapse_blocker(front, test[i]->what);
+        front->branch[test[i]->what].blocker = blocker;
+        test[i]->order = blocker == MN_NONE ? FREE : blocker;
+    }
+    return nav->agenda.next + room;
+}
+
 /* Is the fork blocked? What blocked it in the last frame does so as long as it is active. */
 static bool waits(mni_navigator *nav, mni_agenda_item item) {
     mni_front *front = &nav->front;
+    if (item.order == FREE) {
+        MN_ASSERT_SLOW(mni_front_collapse_blocker(front, item.what) == MN_NONE);
+        return false;
+    }
     if (item.order != MN_NONE && !mni_front_changed(front, item.order)) {
         MN_ASSERT_SLOW(mni_front_collapse_blocker(front, item.what) != MN_NONE);
         return true;
@@ -110,8 +145,13 @@ static bool waits(mni_navigator *nav, mni_agenda_item item) {
 static void collapse_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
     mni_agenda_item item;
+    uint32_t looked = 0; /* up to there, of the agenda's sorted items */
     collapse_agenda(nav);
-    while (mni_agenda_pop(&nav->agenda, &item)) {
+    for (;;) {
+        if (nav->agenda.next >= looked)
+            looked = look_ahead(nav);
+        if (!mni_agenda_pop(&nav->agenda, &item))
+            break;
         if (waits(nav, item)) {
             nav->work.waits_dependency++;
             continue;
@@ -337,13 +377,33 @@ static mni_outcome chain_try(mni_navigator *nav, uint32_t slot, uint32_t *count)
     return outcome;
 }
 
+/* What the next splits of those that were wanted from the start will touch, is asked for. Returns
+ * up to where, in the agenda. */
+static uint32_t fetch_ahead(mni_navigator *nav) {
+    mni_front *front = &nav->front;
+    uint32_t count = FETCHED;
+    const mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &count);
+    for (uint32_t i = 0; i < count; i++)
+        mni_front_fetch_node(front, next[i].what);
+    for (uint32_t i = 0; i < count; i++)
+        mni_front_fetch_simplices(front, next[i].what, true);
+    for (uint32_t i = 0; i < count; i++)
+        mni_front_fetch_ring(front, next[i].what);
+    return nav->agenda.next + count;
+}
+
 static void split_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
     refusals_begin(nav);
     split_agenda(nav);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     mni_agenda_item item;
-    while (mni_agenda_pop(&nav->agenda, &item)) {
+    uint32_t fetched = 0; /* up to there, of the agenda's sorted items */
+    for (;;) {
+        if (nav->agenda.next >= fetched)
+            fetched = fetch_ahead(nav);
+        if (!mni_agenda_pop(&nav->agenda, &item))
+            break;
         uint32_t slot = item.what, count, triangles = front->triangles;
         if (!item_stands(front, item)) /* forced by another */
             continue;
