@@ -1,0 +1,165 @@
+/* Temporary files: see spill.h. Secret: how a file without a name is made, and what the kernel is
+ * told of what comes next. Memory: none. Threads: each object one at a time. */
+#define _GNU_SOURCE /* O_TMPFILE, fallocate */
+#include "spill.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "assert.h"
+
+enum {
+    /* A hole costs a file system tens of microseconds, as long as reading 100 kB takes. */
+    DISCARD_BYTES = 1 << 20,
+    PAGE_BYTES = 4096,
+};
+
+static mn_code not_made(const char *dir, mn_status *st) {
+    return mn_fail(st, mn_code_of_write(errno),
+                   "%s: cannot make a temporary file: %s; name another folder with --temp-dir", dir,
+                   strerror(errno));
+}
+
+mn_code mni_spill_open(mni_spill *spill, const char *dir, mn_status *st) {
+    *spill = (mni_spill){.dir = dir};
+    spill->fd = open(dir, O_RDWR | O_TMPFILE | O_EXCL | O_CLOEXEC, 0600);
+    if (spill->fd >= 0)
+        return MN_OK;
+    char name[PATH_MAX]; /* file systems that have no files without names */
+    if (snprintf(name, sizeof name, "%s/.metanode-XXXXXX", dir) >= PATH_MAX) {
+        errno = ENAMETOOLONG;
+        return not_made(dir, st);
+    }
+    spill->fd = mkostemp(name, O_CLOEXEC);
+    if (spill->fd < 0)
+        return not_made(dir, st);
+    unlink(name);
+    return MN_OK;
+}
+
+void mni_spill_close(mni_spill *spill) {
+    if (spill->fd >= 0)
+        close(spill->fd);
+    spill->fd = -1;
+}
+
+static mn_code write_failed(mni_spill *spill, int error) {
+    mn_code code = mn_code_of_write(error);
+    if (code == MN_NO_SPACE)
+        return mn_fail(&spill->trouble, code,
+                       "%s: %s (%llu bytes of temporary data there); make room, or name another "
+                       "folder with --temp-dir",
+                       spill->dir,
+                       error == EFBIG ? "a temporary file grows past what is allowed (ulimit -f)"
+                                      : "no space left for temporary files",
+                       (unsigned long long)spill->size_bytes);
+    return mn_fail(&spill->trouble, code,
+                   "%s: cannot write a temporary file: %s; name another folder with --temp-dir",
+                   spill->dir, strerror(error));
+}
+
+mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count) {
+    const unsigned char *from = bytes;
+    while (count > 0 && spill->trouble.code == MN_OK) {
+        ssize_t put = pwrite(spill->fd, from, count, (off_t)spill->size_bytes);
+        if (put < 0 && errno == EINTR)
+            continue;
+        if (put <= 0)
+            return write_failed(spill, put < 0 ? errno : EIO);
+        from += put;
+        count -= (size_t)put;
+        spill->size_bytes += (uint64_t)put;
+        spill->bytes_written += (uint64_t)put;
+    }
+    return spill->trouble.code;
+}
+
+void mni_spill_put_slow(mni_spill_writer *w, const void *bytes, size_t count) {
+    const unsigned char *from = bytes;
+    while (count > 0) {
+        size_t part = w->buffer_bytes - w->used_bytes;
+        if (part == 0) {
+            mni_spill_append(w->spill, w->buffer, w->used_bytes);
+            w->used_bytes = 0;
+            continue;
+        }
+        if (part > count)
+            part = count;
+        memcpy(w->buffer + w->used_bytes, from, part);
+        w->used_bytes += part;
+        from += part;
+        count -= part;
+    }
+}
+
+mn_code mni_spill_end(mni_spill_writer *w) {
+    mni_spill_append(w->spill, w->buffer, w->used_bytes);
+    w->used_bytes = 0;
+    return w->spill->trouble.code;
+}
+
+/* ---- reading --------------------------------------------------------------------------------- */
+
+/* Hints: what they cannot do is not done. */
+static void ask_for(const mni_spill_reader *r) {
+    uint64_t bytes = r->end - r->next;
+    if (bytes > r->buffer_bytes)
+        bytes = r->buffer_bytes;
+    if (bytes > 0)
+        (void)posix_fadvise(r->spill->fd, (off_t)r->next, (off_t)bytes, POSIX_FADV_WILLNEED);
+}
+
+/* Whole pages that have been taken; the one in which another piece begins stays. */
+static void discard(mni_spill_reader *r, bool all) {
+    uint64_t from = (r->discarded + PAGE_BYTES - 1) / PAGE_BYTES * PAGE_BYTES;
+    uint64_t to = r->next / PAGE_BYTES * PAGE_BYTES;
+    if (to <= from || (!all && to - from < DISCARD_BYTES))
+        return;
+    (void)fallocate(r->spill->fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)from,
+                    (off_t)(to - from));
+    r->discarded = to;
+}
+
+void mni_spill_reader_open(mni_spill_reader *r, mni_spill *spill, uint64_t from, uint64_t to,
+                           void *buffer, size_t buffer_bytes, bool discards) {
+    MN_ASSERT(from <= to && to <= spill->size_bytes && buffer_bytes > 0);
+    *r = (mni_spill_reader){.spill = spill,
+                            .next = from,
+                            .end = to,
+                            .discarded = discards ? from : UINT64_MAX,
+                            .buffer = buffer,
+                            .buffer_bytes = buffer_bytes};
+    ask_for(r);
+}
+
+bool mni_spill_refill(mni_spill_reader *r) {
+    mni_spill *spill = r->spill;
+    uint64_t left = r->end - r->next;
+    size_t want = left < r->buffer_bytes ? (size_t)left : r->buffer_bytes;
+    r->filled_bytes = r->taken_bytes = 0;
+    if (r->discarded != UINT64_MAX)
+        discard(r, want == 0);
+    while (r->filled_bytes < want && spill->trouble.code == MN_OK) {
+        ssize_t got =
+            pread(spill->fd, r->buffer + r->filled_bytes, want - r->filled_bytes, (off_t)r->next);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got <= 0) {
+            mn_fail(&spill->trouble, MN_FAILED, "%s: cannot read a temporary file back: %s",
+                    spill->dir, got < 0 ? strerror(errno) : "it is shorter than what was written");
+            break;
+        }
+        r->filled_bytes += (size_t)got;
+        r->next += (uint64_t)got;
+        spill->bytes_read += (uint64_t)got;
+    }
+    if (spill->trouble.code != MN_OK)
+        r->filled_bytes = 0;
+    else
+        ask_for(r);
+    return r->filled_bytes > 0;
+}
