@@ -1,0 +1,61 @@
+/* Sorting more records than memory holds.
+ *
+ *   open ── put × n ── finish ── next × n ── close
+ *
+ * Records of one size, ordered by an unsigned number in each; equal ones come out in the order in
+ * which they were put, so the result is one thing, whatever the budget. Input that fits the budget
+ * (mni_sort_room) touches no disk.
+ *
+ * Everything that is allocated, this struct included, is one mapping of the budget's size, whose
+ * pages are the kernel's until they are used. One thread a sort; calls may block on the disk. */
+#ifndef MNI_EXTSORT_H
+#define MNI_EXTSORT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "metanode/status.h"
+
+enum { MNI_SORT_RECORD_MAX = 256 };
+#define MNI_SORT_BUDGET_MIN (UINT64_C(32) << 10)
+
+typedef enum mni_sort_key { /* of the host's byte order, at the record's start */
+                            MNI_SORT_U32 = 0,
+                            MNI_SORT_U64,
+                            MNI_SORT_U128, /* the high u64, then the low one */
+} mni_sort_key;
+
+typedef struct mni_sort_desc {
+    uint32_t record_bytes; /* a multiple of 4, at least the key's, at most MNI_SORT_RECORD_MAX */
+    mni_sort_key key;
+    uint64_t budget_bytes; /* at least MNI_SORT_BUDGET_MIN */
+    const char *temp_dir;  /* outlives the sort */
+} mni_sort_desc;
+
+typedef struct mni_sort mni_sort;
+
+typedef struct mni_sort_figures {
+    uint64_t records;
+    uint64_t bytes_read, bytes_written; /* of the temporary file, so far */
+    uint64_t runs;                      /* sorted pieces that went to disk; 0: all in memory */
+    uint64_t merges;                    /* that wrote; the last one hands out instead */
+    uint32_t ways_max;                  /* runs that can be merged at once */
+} mni_sort_figures;
+
+/* Records that a sort holds in memory. */
+uint64_t mni_sort_room(const mni_sort_desc *desc);
+
+mn_code mni_sort_open(mni_sort **sort, const mni_sort_desc *desc, mn_status *st);
+/* Copies the record. After a failure further ones do nothing, and finish tells. */
+void mni_sort_put(mni_sort *sort, const void *record);
+/* Until there are few enough runs for one merge. MN_NO_SPACE: the temporary files filled the disk.
+ */
+mn_code mni_sort_finish(mni_sort *sort, mn_status *st);
+/* In order; the record stays where it is until the next call. NULL: that was all, or *st says why
+ * not. */
+const void *mni_sort_next(mni_sort *sort, mn_status *st);
+mni_sort_figures mni_sort_figures_get(const mni_sort *sort);
+/* At any time; NULL is harmless. */
+void mni_sort_close(mni_sort *sort);
+
+#endif
