@@ -56,86 +56,114 @@ static inline uint32_t get(const uint8_t *edge, const uint8_t *rows, uint64_t ro
     return mni_bits_get(rows, row + from, to - from);
 }
 
-static inline uint32_t take(uint64_t *word, uint32_t width) {
-    uint32_t value = (uint32_t)(*word & ((UINT64_C(1) << width) - 1));
-    *word >>= width;
-    return value;
+/* Neighbours from field f on, read at once: they have 57 bits at most together. */
+static inline void get_some(const uint8_t *edges, const uint8_t *rows, uint64_t row, uint32_t f,
+                            uint32_t *value, uint32_t count) {
+    uint16_t edge[8];
+    memcpy(edge, edges + 2 * (size_t)f, (count + 1) * sizeof edge[0]);
+    uint64_t word = mni_bits_at(rows, row + edge[0]);
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t width = (uint32_t)(edge[i + 1] - edge[i]);
+        value[i] = (uint32_t)(word & ((UINT64_C(1) << width) - 1));
+        word >>= width;
+    }
 }
 
-/* All but the order id is read at once: 49 bits at most, the checker sees to that. */
+/* Those after the order id have 49 bits at most, the checker sees to that. */
 static inline void get_facts(const mni_block *view, const uint8_t *rows, uint64_t row,
                              mni_facts *out) {
-    uint16_t edge[FIELD_LEFT + 1];
-    uint32_t base[BASE_DELTA];
-    memcpy(edge, view->edge, sizeof edge);
+    uint32_t base[BASE_DELTA], value[BASE_DELTA];
     memcpy(base, view->base, sizeof base);
-    uint64_t word = mni_bits_at(rows, row + edge[FIELD_SWITCH]);
-    out->order = base[BASE_ORDER] + mni_bits_get(rows, row, edge[FIELD_SWITCH]);
-    out->switch_value =
-        mni_float_of((base[BASE_SWITCH] + take(&word, edge[FIELD_RADIUS] - edge[FIELD_SWITCH]))
-                     << MNI_SWITCH_SHIFT);
-    out->radius =
-        mni_float_of((base[BASE_RADIUS] + take(&word, edge[FIELD_AXIS] - edge[FIELD_RADIUS]))
-                     << MNI_RADIUS_SHIFT);
-    uint32_t x = base[BASE_AXIS] + take(&word, edge[FIELD_AXIS + 1] - edge[FIELD_AXIS]);
-    uint32_t y = base[BASE_AXIS + 1] + take(&word, edge[FIELD_ANGLE] - edge[FIELD_AXIS + 1]);
-    uint32_t angle = base[BASE_ANGLE] + take(&word, edge[FIELD_LEFT] - edge[FIELD_ANGLE]);
-    out->cone = (mn_cone){{(int8_t)(x - 128), (int8_t)(y - 128)}, (uint8_t)angle};
+    value[0] = mni_bits_get(rows, row, mni_edge(view->edge, FIELD_SWITCH));
+    get_some(view->edge, rows, row, FIELD_SWITCH, value + 1, BASE_DELTA - 1);
+    for (uint32_t i = 0; i < BASE_DELTA; i++)
+        value[i] += base[i];
+    out->order = value[BASE_ORDER];
+    out->switch_value = mni_float_of(value[BASE_SWITCH] << MNI_SWITCH_SHIFT);
+    out->radius = mni_float_of(value[BASE_RADIUS] << MNI_RADIUS_SHIFT);
+    out->cone = (mn_cone){{(int8_t)(value[BASE_AXIS] - 128), (int8_t)(value[BASE_AXIS + 1] - 128)},
+                          (uint8_t)value[BASE_ANGLE]};
 }
 
 static uint32_t get_color(const mni_block *view, uint64_t row) {
-    uint32_t color = 0;
+    uint32_t color = 0, value[4];
+    get_some(view->edge, view->node_rows, row, FIELD_COLOR, value, 4);
     for (uint32_t i = 0; i < 4; i++)
-        color |= ((mni_base(view->base, BASE_COLOR + i) +
-                   get(view->edge, view->node_rows, row, FIELD_COLOR + i)) &
-                  255)
-                 << (8 * i);
+        color |= ((mni_base(view->base, BASE_COLOR + i) + value[i]) & 255) << (8 * i);
     return color;
 }
+
+/* ---- records -------------------------------------------------------------------------------- */
 
 void mni_block_facts(const mni_block *view, uint32_t node, mni_facts *out) {
     MN_ASSERT(node < view->nodes);
     get_facts(view, view->node_rows, (uint64_t)node * view->node_bits, out);
 }
 
-static inline void get_exit(const mni_block *view, uint32_t exit, mni_child *out) {
-    uint64_t row = (uint64_t)exit * view->exit_bits;
-    out->kind = MNI_CHILD_SUBTREE;
-    out->node = MN_NONE;
-    out->exit = exit;
-    out->ref = get(view->edge, view->exit_rows, row, FIELD_REF);
-    out->subtree = get(view->edge, view->exit_rows, row, FIELD_SUBTREE);
-    get_facts(view, view->exit_rows, row, &out->facts);
+/* Where an exit leads. */
+static inline void get_way(const mni_block *view, mni_child *exit) {
+    uint64_t row = (uint64_t)exit->exit * view->exit_bits;
+    exit->ref = get(view->edge, view->exit_rows, row, FIELD_REF);
+    exit->subtree = get(view->edge, view->exit_rows, row, FIELD_SUBTREE);
 }
 
 void mni_block_exit(const mni_block *view, uint32_t exit, mni_child *out) {
     MN_ASSERT(exit < view->exits);
-    get_exit(view, exit, out);
+    out->kind = MNI_CHILD_SUBTREE;
+    out->node = MN_NONE;
+    out->exit = exit;
+    get_way(view, out);
+    get_facts(view, view->exit_rows, (uint64_t)exit * view->exit_bits, &out->facts);
 }
 
 static inline void get_child(const mni_block *view, mni_child_kind kind, uint32_t inner,
                              uint32_t exit, mni_child *out) {
-    if (kind == MNI_CHILD_SUBTREE) {
-        get_exit(view, exit, out);
-        return;
-    }
-    *out = (mni_child){.kind = kind, .node = inner, .exit = MN_NONE, .ref = MN_NONE};
+    out->kind = kind;
+    out->node = inner;
+    out->exit = exit;
+    out->ref = MN_NONE;
     if (kind == MNI_CHILD_INNER)
         get_facts(view, view->node_rows, (uint64_t)inner * view->node_bits, &out->facts);
+    else if (kind == MNI_CHILD_SUBTREE)
+        get_facts(view, view->exit_rows, (uint64_t)exit * view->exit_bits, &out->facts);
 }
 
-void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out) {
-    MN_ASSERT(node < view->nodes);
+/* The leaves of the left child, and the steps to the right one. */
+static inline void get_place(const mni_block *view, uint64_t row, uint32_t value[4]) {
+    const uint8_t *edge = view->edge;
+    if (mni_edge(edge, FIELD_COLOR) - mni_edge(edge, FIELD_LEFT) <= 57) {
+        get_some(edge, view->node_rows, row, FIELD_LEFT, value, 4);
+        return;
+    }
+    for (uint32_t i = 0; i < 4; i++)
+        value[i] = get(edge, view->node_rows, row, FIELD_LEFT + i);
+}
+
+/* Simplices, where they are not two in the row, and overflow blocks. */
+static inline void get_rest(const mni_block *view, uint64_t row, mni_node *out) {
     const uint8_t *edge = view->edge, *rows = view->node_rows;
+    out->overflow_ref = get(edge, rows, row, FIELD_OVERFLOW) - 1;
+    out->simplex_count = MNI_INLINE - get(edge, rows, row, FIELD_LACK);
+    if (view->more == 0)
+        return;
+    out->more = get(edge, rows, row, FIELD_MORE);
+    uint32_t end = out->row + 1 < view->nodes ? get(edge, rows, row + view->node_bits, FIELD_MORE)
+                                              : view->more;
+    out->simplex_count += end - out->more;
+}
+
+void mni_block_split(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out) {
+    MN_ASSERT(node < view->nodes);
     const uint64_t row = (uint64_t)node * view->node_bits;
+    uint32_t place[4], way[3]; /* exits, right, exit */
     out->at = *at;
-    get_facts(view, rows, row, &out->facts);
-    uint32_t left_leaves = 1 + get(edge, rows, row, FIELD_LEFT);
+    out->row = node;
+    get_place(view, row, place);
+    const uint32_t left_leaves = 1 + place[0];
     out->leaf_mid = at->leaf_lo + left_leaves;
     for (uint32_t i = 0; i < 3; i++) {
-        uint32_t steps =
-            mni_base(view->base, BASE_DELTA + i) + get(edge, rows, row, FIELD_DELTA + i);
-        out->right_position[i] = at->position[i] + (float)(int32_t)(steps - MNI_BIAS) * view->step;
+        uint32_t steps = place[i + 1] + mni_base(view->base, BASE_DELTA + i) - MNI_BIAS;
+        out->right_position[i] = at->position[i] + (float)(int32_t)steps * view->step;
     }
     out->right_color = view->has_colors ? get_color(view, row) : UINT32_MAX;
 
@@ -143,24 +171,28 @@ void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, m
     mni_child_kind right = at->leaf_hi - out->leaf_mid == 1 ? MNI_CHILD_LEAF : MNI_CHILD_INNER;
     uint32_t distance = left_leaves, exit = 0; /* the left child's inner nodes are all between */
     if (view->exits > 0) {
-        uint32_t exits = get(edge, rows, row, FIELD_EXITS);
-        left = exits & 1 ? MNI_CHILD_SUBTREE : left;
-        right = exits & 2 ? MNI_CHILD_SUBTREE : right;
-        distance = get(edge, rows, row, FIELD_RIGHT);
-        exit = get(edge, rows, row, FIELD_EXIT);
+        get_some(view->edge, view->node_rows, row, FIELD_EXITS, way, 3);
+        left = way[0] & 1 ? MNI_CHILD_SUBTREE : left;
+        right = way[0] & 2 ? MNI_CHILD_SUBTREE : right;
+        distance = way[1];
+        exit = way[2];
     }
     get_child(view, left, node + 1, exit, &out->left);
     get_child(view, right, node + distance, exit + (left == MNI_CHILD_SUBTREE), &out->right);
 
-    out->row = node;
-    out->simplex_count = MNI_INLINE - get(edge, rows, row, FIELD_LACK);
-    if (view->more > 0) {
-        out->more = get(edge, rows, row, FIELD_MORE);
-        uint32_t end = node + 1 < view->nodes ? get(edge, rows, row + view->node_bits, FIELD_MORE)
-                                              : view->more;
-        out->simplex_count += end - out->more;
-    }
-    out->overflow_ref = get(edge, rows, row, FIELD_OVERFLOW) - 1;
+    out->simplex_count = MNI_INLINE;
+    out->overflow_ref = MN_NONE;
+    if (mni_edge(view->edge, FIELD_OVERFLOW) < mni_edge(view->edge, FIELD_NODE_END))
+        get_rest(view, row, out);
+}
+
+void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out) {
+    mni_block_split(view, node, at, out);
+    mni_block_facts(view, node, &out->facts);
+    if (out->left.kind == MNI_CHILD_SUBTREE)
+        get_way(view, &out->left);
+    if (out->right.kind == MNI_CHILD_SUBTREE)
+        get_way(view, &out->right);
 }
 
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out) {
@@ -180,13 +212,20 @@ bool mni_facts_equal(const mni_facts *a, const mni_facts *b) {
 
 /* ---- simplices ------------------------------------------------------------------------------ */
 
-/* The simplex at bit `at`; edge: of FIELD_TURN. */
-static inline void get_corners(const uint8_t *edge, const uint8_t *rows, uint64_t at,
+/* The simplex at bit `at`; edges: from FIELD_TURN on. Turn and first number have 33 bits at most.
+ */
+static inline void get_corners(const uint8_t *edges, const uint8_t *rows, uint64_t at,
                                uint32_t third_base, uint32_t lo, uint32_t mid, uint32_t corner[3]) {
-    uint32_t turn = get(edge, rows, at, FIELD_TURN - FIELD_TURN);
-    uint32_t third = third_base + get(edge, rows, at, FIELD_THIRD - FIELD_TURN);
-    corner[turn] = lo + get(edge, rows, at, FIELD_A - FIELD_TURN);
-    corner[1 - turn] = mid + get(edge, rows, at, FIELD_B - FIELD_TURN);
+    uint16_t edge[FIELD_SIMPLEX_END + 1 - FIELD_TURN];
+    memcpy(edge, edges, sizeof edge);
+    uint64_t word = mni_bits_at(rows, at);
+    uint32_t turn = word & 1, third;
+    uint32_t a = (uint32_t)(word >> 1 & ((UINT64_C(1) << (edge[2] - 1)) - 1));
+    uint64_t rest = edge[3] <= 57 ? word >> edge[2] : mni_bits_at(rows, at + edge[2]);
+    uint32_t b = (uint32_t)(rest & ((UINT64_C(1) << (edge[3] - edge[2])) - 1));
+    third = third_base + mni_bits_get(rows, at + edge[3], (uint32_t)(edge[4] - edge[3]));
+    corner[0] = turn ? mid + b : lo + a;
+    corner[1] = turn ? lo + a : mid + b;
     corner[2] = third == MNI_BIAS ? MN_NONE : mid + (third - MNI_BIAS);
 }
 

@@ -121,6 +121,8 @@ void mni_block_reopen(mni_block *view, const void *bytes);
 
 /* at: what is known of the node from above. */
 void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out);
+/* The same but for what a split does not ask for: the node's own facts, and where exits lead. */
+void mni_block_split(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out);
 /* A node's own facts alone. */
 void mni_block_facts(const mni_block *view, uint32_t node, mni_facts *out);
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out);

@@ -212,16 +212,16 @@ static const uint8_t width_max[FIELDS] = {
     [FIELD_AXIS + 1] = 8,
     [FIELD_ANGLE] = 8,
     [FIELD_LEFT] = 32,
-    [FIELD_DELTA] = 32,
-    [FIELD_DELTA + 1] = 32,
-    [FIELD_DELTA + 2] = 32,
+    [FIELD_DELTA] = 26,
+    [FIELD_DELTA + 1] = 26,
+    [FIELD_DELTA + 2] = 26,
     [FIELD_COLOR] = 8,
     [FIELD_COLOR + 1] = 8,
     [FIELD_COLOR + 2] = 8,
     [FIELD_COLOR + 3] = 8,
     [FIELD_EXITS] = 2,
-    [FIELD_RIGHT] = 32,
-    [FIELD_EXIT] = 32,
+    [FIELD_RIGHT] = 16,
+    [FIELD_EXIT] = 17,
     [FIELD_OVERFLOW] = 32,
     [FIELD_LACK] = 2,
     [FIELD_MORE] = 32,
@@ -240,7 +240,7 @@ static bool edges_ok(const uint8_t *edge, uint32_t first, uint32_t last, char *w
                      uint32_t why_bytes) {
     for (uint32_t f = first; f < last; f++) {
         uint32_t from = mni_edge(edge, f - first), to = mni_edge(edge, f + 1 - first);
-        if (to < from || to - from > width_max[f])
+        if (to < from || to - from > width_max[f] || (f == FIELD_TURN && to != 1))
             return fail(why, why_bytes, "field %u stands in bits [%u, %u)", f, from, to);
     }
     return true;

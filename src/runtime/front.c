@@ -329,7 +329,7 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
     const void *bytes;
     const mni_block *block = view_of(f, own, &bytes);
     if ((p->flags & MNI_NODE_EXIT) == 0) {
-        mni_block_node(block, f->face[slot].index, &at, record);
+        mni_block_split(block, f->face[slot].index, &at, record);
         *entry = own;
         mni_store_add(f->store, *entry);
         return MNI_DONE;
@@ -346,7 +346,7 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
         mni_block_subtree(block, where.subtree, &subtree);
         mni_block_facts(block, subtree.node, &facts);
         if (same_node(f, slot, &subtree, &facts)) {
-            mni_block_node(block, subtree.node, &at, record);
+            mni_block_split(block, subtree.node, &at, record);
             return MNI_DONE;
         }
     }
