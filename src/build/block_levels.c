@@ -43,8 +43,8 @@ static mn_code plan_exits(mni_plan *plan, uint32_t block, mn_status *st) {
                 continue;
             code = mni_plan_block(plan, block, &made, st);
             if (code == MN_OK)
-                code = mni_plan_root_add(
-                    plan, (mni_plan_root){child, plan->tree->leaf_lo[child], false}, st);
+                code =
+                    mni_plan_root_add(plan, (mni_plan_root){child, plan->tree->leaf_lo[child]}, st);
         }
     plan->block[block].child_count = plan->blocks - plan->block[block].child_first;
     return code;
@@ -58,7 +58,7 @@ mn_code mni_plan_levels(mni_plan *plan, mn_status *st) {
         uint32_t root = tree->root[r] - tree->leaves;
         code = mni_plan_block(plan, MN_NONE, &made, st);
         if (code == MN_OK)
-            code = mni_plan_root_add(plan, (mni_plan_root){root, tree->leaf_lo[root], false}, st);
+            code = mni_plan_root_add(plan, (mni_plan_root){root, tree->leaf_lo[root]}, st);
     }
     for (uint32_t b = 0; b < plan->blocks && code == MN_OK; b++) {
         if (plan->block[b].is_overflow)

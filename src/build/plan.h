@@ -16,6 +16,7 @@ typedef struct mni_planned {
     uint32_t child_first, child_count; /* the blocks it refers to */
     uint32_t depth;                  /* blocks down to it, itself included; overflow: its owner's */
     uint32_t root_first, root_count; /* subtrees, in plan.root, by leaf_lo */
+    uint32_t small; /* the policy's: subtrees of at most so many nodes go with their parent */
     uint32_t nodes;
     uint32_t node;                     /* overflow: whose simplices these are */
     uint32_t simplex_first, simplices; /* overflow: in tree.corner */
@@ -26,7 +27,6 @@ typedef struct mni_planned {
 typedef struct mni_plan_root {
     uint32_t node;
     uint32_t leaf_lo;
-    bool whole; /* the policy has promised that the whole subtree fits */
 } mni_plan_root;
 
 typedef struct mni_plan {
