@@ -36,7 +36,7 @@ enum {
     TRIES_MAX = 24,   /* nodes that did not fit before a block counts as full */
     LOOK_AHEAD = 24,  /* exits that did not fit before a run counts as full */
     FITTINGS_MAX = 5, /* trials of one run */
-    ENDED_TIMES = 9,  /* nodes below a block, for one in it, that end in blocks right below it */
+    ENDED_TIMES = 12, /* nodes below a block, for one in it, that end in blocks right below it */
     SMALL_NODES = 1,  /* of a subtree that goes with its parent wherever that is */
     SMALL_NODES_MAX = 15, /* where a run needs a little less room */
     MEASURES_MAX = 8192,  /* kept from one block to the next */
@@ -46,11 +46,11 @@ enum {
 /* References kept room for, as a share of exits; the last always suffices. */
 static const double ref_share[] = {0.03, 0.2, 0.6, 1};
 enum { REF_SHARES = sizeof ref_share / sizeof ref_share[0] };
-static const double RUN_SHARE = 0.2, /* subtrees in a run, for a node in a block */
-    TOP_SHARE = 0.33,                /* of a block's nodes, for the roots of its subtrees at most */
-    TOP_STRETCH = 1.5,               /* times that, where it makes a run fit */
-    FEW_COST = 1.5,  /* blocks that a run of one subtree may cost less than a long one */
-    FIT_COST = 0.25, /* blocks left empty below a run that can be fitted */
+static const double RUN_SHARE = 0.25, /* subtrees in a run, for a node in a block */
+    TOP_SHARE = 0.33,  /* of a block's nodes, for the roots of its subtrees at most */
+    TOP_STRETCH = 1.5, /* times that, where it makes a run fit */
+    FEW_COST = 1.5,    /* blocks that a run of one subtree may cost less than a long one */
+    FIT_COST = 0.25,   /* blocks left empty below a run that can be fitted */
     FAR_COST = 0.4, FAR_COST_EACH = 0.03, /* below one with too much below, and for each block */
     NEARLY = 0.98,  /* of a block: what a run that is to fit it may be estimated at */
     ENOUGH = 0.06,  /* a run that leaves no more of a block empty fits */

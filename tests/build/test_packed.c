@@ -12,7 +12,7 @@
 #include "tree.h"
 #include "tree_fixture.h"
 
-enum { TRIANGLES = 100000 };
+enum { TRIANGLES = 200000 };
 static mn_tree model[2]; /* terrain, sphere */
 static uint32_t *above;  /* inner node of model[0]: its parent */
 
@@ -67,7 +67,7 @@ START_TEST(blocks_are_full) {
             double fill = payload / plan.blocks / bytes;
             printf("%u blocks of %u: fill %.3f\n", plan.blocks, bytes, fill);
             if (plan.blocks >= BLOCKS_LEAST)
-                ck_assert_double_ge(fill, 0.93);
+                ck_assert_double_ge(fill, 0.92);
             if (plan.blocks >= BLOCKS_LEAST && model[m].inner / plan.blocks >= NODES_MANY) {
                 many += payload / bytes;
                 many_blocks += plan.blocks;
@@ -144,10 +144,10 @@ static void seen(const mn_tree *t, uint32_t leaf, double height, double toleranc
 }
 
 /* Blocks in use × nodes in a block / nodes split: 1 where all of each block in use is split. Bounds
- * are a tenth above what was measured; packers that take the deepest node next, or the one of the
- * largest switch value, or whole subtrees, or give a block exits of like order from all over, are
- * above them. */
-static const double times_most[] = {4.7, 5.4, 6.4};
+ * are a twentieth above what was measured. Packers that give blocks few deep subtrees, or exits of
+ * like order from all over, or that take the deepest nodes first, or the highest, are above them.
+ */
+static const double times_most[] = {7.0, 8.0, 9.6};
 
 START_TEST(few_blocks_are_in_use) {
     enum { FRONTS = 8 };
