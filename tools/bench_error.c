@@ -15,7 +15,8 @@ enum { FRONTS_MAX = 16 };
 static const char help[] =
     "usage: metanode bench error FILE … [--fronts 50,10,1] [--samples N] [--seed S]\n"
     "                                   [--metric qem|length] [--json]\n\n"
-    "Simplifies each mesh and measures, at the fronts of a prefix of the order ids with so many\n"
+    "Simplifies each mesh on the grid that build uses, and measures, at the fronts of a prefix of "
+    "the order ids with so many\n"
     "percent of the triangles, how far the front is from points spread evenly over the input.\n\n"
     "honest   share of samples that are no further than their bound, the largest switch value of\n"
     "         the active nodes of their triangle's three leaves, + 1e-7 of the diagonal "
@@ -103,7 +104,9 @@ static mn_code bench_file(const char *path, const options *o, json *j, mn_status
         .metric = o->metric, .progress = cli_progress, .progress_context = &meter};
     if (mn_mesh_read(path, &read, &mesh, st) != MN_OK)
         return st->code;
-    mn_code code = mn_simplify(&mesh, &simplify, &tree, st);
+    mn_code code = mn_mesh_quantise(&mesh, 0, st); /* as build does */
+    if (code == MN_OK)
+        code = mn_simplify(&mesh, &simplify, &tree, st);
     mn_mesh_free(&mesh);
     cli_progress_end(&meter);
     if (code != MN_OK)
@@ -114,12 +117,14 @@ static mn_code bench_file(const char *path, const options *o, json *j, mn_status
         json_u64(j, "triangles", tree.triangles);
         json_u64(j, "vertices", tree.leaves);
         json_f64(j, "seconds_simplify", tree.counts.seconds_simplify);
+        json_f64(j, "grid_error", (double)mn_grid_error(tree.grid_step));
         json_open(j, "fronts", '[');
     } else {
-        printf("%s: %u triangles; distances in diagonals\n"
+        printf("%s: %u triangles, on a grid of %g: the input as it was is off by up to %g more\n"
+               "  distances in diagonals\n"
                "  front triangles      honest  excess    ratio: p10, median, p90       "
                "near: p10, median, p90     bound mean       max  measured       max\n",
-               path, tree.triangles);
+               path, tree.triangles, (double)tree.grid_step, (double)mn_grid_error(tree.grid_step));
     }
     code = bench_tree(&tree, o, j, &meter, st);
     if (o->as_json) {

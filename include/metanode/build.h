@@ -79,8 +79,6 @@ enum { MN_POSITION_BITS = 16, MN_POSITION_BITS_MIN = 8, MN_POSITION_BITS_MAX = 2
  * together are added to intake.merged_positions; vertices stay apart, so triangles stay. Before
  * mn_simplify; a tree on no grid cannot be blocked. Takes 8 bytes a vertex and gives them back. */
 mn_code mn_mesh_quantise(mn_mesh *mesh, uint32_t bits, mn_status *st);
-/* Half the diagonal of a cell: no point of the surface is further off for being on the grid. */
-float mn_grid_error(float grid_step);
 
 /* ---- the view-dependence tree ------------------------------------------------------------- */
 

@@ -38,6 +38,9 @@ float mn_cone_half_angle(mn_cone cone);                          /* [0, π/2), o
 /* The smallest cone this representation allows that encloses both (decoded) cones. */
 mn_cone mn_cone_merge(mn_cone a, mn_cone b);
 
+/* Half the diagonal of a cell: no point of the surface is further off for being on the grid. */
+float mn_grid_error(float grid_step);
+
 /* A block's place: offset = id × 4096, length = pages × 4096. pages 0: no block. */
 typedef struct mn_block_ref {
     uint32_t id;

