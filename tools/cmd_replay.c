@@ -270,6 +270,7 @@ static void finish(replay *r) {
     f->gl_rss_bytes = r->picture.load.rss_bytes;
     f->rss_peak_bytes = f->has_gl ? r->picture.load.own_peak_bytes : cli_rss_peak_bytes();
     f->store = r->options.desc.store;
+    f->prefetch = r->options.desc.prefetch;
     f->l = mn_session_header(r->session)->l;
     f->block_bytes_max = mn_session_header(r->session)->block_bytes_max;
     mn_session_plan(r->session, &f->plan);

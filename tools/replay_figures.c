@@ -52,6 +52,10 @@ static double miss_rate(uint64_t misses, uint64_t adapt) {
     return misses + adapt > 0 ? (double)misses / (double)(misses + adapt) : 0;
 }
 
+static uint32_t max_of(uint32_t a, uint32_t b) {
+    return a > b ? a : b;
+}
+
 void figures_frame(replay_figures *f, const mn_frame_stats *frame) {
     f->frames++;
     f->adapt += frame->adapt;
@@ -66,6 +70,10 @@ void figures_frame(replay_figures *f, const mn_frame_stats *frame) {
     f->tolerance_px += frame->tolerance_px;
     f->front_over_wanted += frame->front_over_wanted;
     f->front_hash = frame->front_hash;
+    f->blocks_in_use_max = max_of(f->blocks_in_use_max, frame->blocks_in_use);
+    f->blocks_resident_max = max_of(f->blocks_resident_max, frame->blocks_resident);
+    f->blocks_with_ancestors_max =
+        max_of(f->blocks_with_ancestors_max, frame->blocks_with_ancestors);
     spread_add(&f->nav_ms, frame->nav_ms);
     spread_add(&f->error_px, frame->error_px);
 }
@@ -106,6 +114,11 @@ void figures_csv_row(FILE *csv, const mn_frame_stats *f, const uint64_t *gl_sent
 static const char *store_name(mn_store_kind store) {
     static const char *const names[] = {"paged", "mapped", "resident"};
     return names[store];
+}
+
+static const char *prefetch_name(mn_store_kind store, mn_prefetch prefetch) {
+    static const char *const names[] = {"ahead", "neighbours", "off"};
+    return store == MN_STORE_PAGED ? names[prefetch] : "off";
 }
 
 static double mean_of(double sum, uint64_t frames) {
@@ -153,6 +166,9 @@ static void json_totals(json *j, const mn_session_stats *t) {
     json_u64(j, "second_chances", t->second_chances);
     json_u64(j, "prefetches", t->prefetches);
     json_u64(j, "prefetches_given_up", t->prefetches_given_up);
+    json_u64(j, "prefetches_loaded", t->prefetches_loaded);
+    json_u64(j, "prefetches_used", t->prefetches_used);
+    json_f64(j, "prefetches_used_share", mean_of((double)t->prefetches_used, t->prefetches_loaded));
     json_u64(j, "urgent_up", t->urgent_up);
     json_u64(j, "urgent_down", t->urgent_down);
     json_u64(j, "urgent_down_refused", t->urgent_down_refused);
@@ -173,6 +189,10 @@ void figures_json(const replay_figures *f, FILE *out) {
         json_u64(&j, "k", f->plan.k);
     else
         json_null(&j, "k");
+    json_str(&j, "prefetch", prefetch_name(f->store, f->prefetch));
+    json_u64(&j, "blocks_in_use_max", f->blocks_in_use_max);
+    json_u64(&j, "blocks_resident_max", f->blocks_resident_max);
+    json_u64(&j, "blocks_with_ancestors_max", f->blocks_with_ancestors_max);
     json_u64(&j, "l", f->l);
     json_u64(&j, "block_bytes_max", f->block_bytes_max);
     if (f->plan.ram_cap_bytes > 0)

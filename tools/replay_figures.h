@@ -36,6 +36,8 @@ typedef struct replay_figures {
     mn_plan plan;
     mn_session_stats totals;
     uint32_t l, block_bytes_max;
+    uint32_t blocks_in_use_max, blocks_resident_max, blocks_with_ancestors_max;
+    mn_prefetch prefetch;
 } replay_figures;
 
 void figures_frame(replay_figures *figures, const mn_frame_stats *frame);

@@ -33,6 +33,8 @@ const char session_options_help[] =
     "  --light-factor F  that F (2)\n"
     "  --degrade on|off  raise the tolerance where the mesh does not fit (on)\n"
     "  --io M            uring (default), pread, sim\n"
+    "  --prefetch P      ahead: what the camera, extrapolated, will want (default);\n"
+    "                    neighbours: of every block in use; off\n"
     "  --io-serial       all reads of a frame done, in order, before the next\n"
     "  --seed S          of the simulated disk (0)\n"
     "  --barrier         each frame's camera stands until nothing changes\n"
@@ -116,6 +118,7 @@ static bool take_places(session_options *o, const char *value) {
 /* What the value should have been; NULL: it was good. */
 static const char *take(session_options *o, int option, const char *value) {
     static const char *const stores[] = {"paged", "mapped", "resident", NULL};
+    static const char *const prefetches[] = {"ahead", "neighbours", "off", NULL};
     static const char *const ios[] = {"uring", "pread", "sim", NULL};
     static const char *const on_off[] = {"on", "off", NULL};
     int choice = 0;
@@ -176,6 +179,11 @@ static const char *take(session_options *o, int option, const char *value) {
         if (!take_choice(value, ios, &choice))
             return "--io: uring, pread or sim";
         o->desc.io = (mn_io_kind)choice;
+        return NULL;
+    case SESSION_PREFETCH:
+        if (!take_choice(value, prefetches, &choice))
+            return "--prefetch: ahead, neighbours or off";
+        o->desc.prefetch = (mn_prefetch)choice;
         return NULL;
     case SESSION_SEED:
         return cli_u64(value, 0, UINT64_MAX, &o->desc.seed) ? NULL : "--seed: a number";

@@ -43,6 +43,7 @@ enum session_option { /* what cli_option returns for them; letters are free for 
                       SESSION_LIGHT_FACTOR,
                       SESSION_DEGRADE,
                       SESSION_IO,
+                      SESSION_PREFETCH,
                       SESSION_IO_SERIAL,
                       SESSION_SEED,
                       SESSION_BARRIER,
@@ -71,6 +72,7 @@ enum { SESSION_TIGHTER = 2 }; /* on silhouettes and for the light, when nothing 
         {"light-factor", required_argument, NULL, SESSION_LIGHT_FACTOR},                           \
         {"degrade", required_argument, NULL, SESSION_DEGRADE},                                     \
         {"io", required_argument, NULL, SESSION_IO},                                               \
+        {"prefetch", required_argument, NULL, SESSION_PREFETCH},                                   \
         {"io-serial", no_argument, NULL, SESSION_IO_SERIAL},                                       \
         {"seed", required_argument, NULL, SESSION_SEED},                                           \
         {"barrier", no_argument, NULL, SESSION_BARRIER}, {                                         \

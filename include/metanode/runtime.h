@@ -42,6 +42,14 @@ typedef enum mn_store_kind { MN_STORE_PAGED = 0, MN_STORE_MAPPED, MN_STORE_RESID
 typedef enum mn_io_kind { MN_IO_URING = 0, MN_IO_PREAD, MN_IO_SIM } mn_io_kind;
 enum { MN_K_FROM_RAM = 0, MN_K_MIN = -1 };
 
+/* What `paged` reads before it is asked for: what the camera, extrapolated, will want, nearest in
+ * time first; parent and children of every block in use (the paper's rule); nothing. */
+typedef enum mn_prefetch {
+    MN_PREFETCH_AHEAD = 0,
+    MN_PREFETCH_NEIGHBOURS,
+    MN_PREFETCH_OFF
+} mn_prefetch;
+
 /* What counts for more or less than its error on the screen: factors, 1 and more; 0: the default,
  * 1: off. The tolerance is multiplied by the first two and divided by the last two, by whichever is
  * larger of these. */
@@ -76,6 +84,7 @@ typedef struct mn_session_desc {
     int64_t k;           /* MN_K_FROM_RAM, MN_K_MIN, or a number of place holders */
     mn_store_kind store;
     mn_io_kind io;
+    mn_prefetch prefetch;
     bool io_serial; /* all commands of a frame done, in order, before the next */
     bool barrier;   /* each frame's camera stands until nothing changes and nothing is read */
     bool degrade_off;
@@ -128,6 +137,7 @@ typedef struct mn_frame_stats {
     uint64_t reads, read_bytes, evictions, second_chances, prefetches;
     uint64_t front_hash; /* XXH3 of the sorted active order ids */
     uint32_t blocks_in_use, blocks_resident;
+    uint32_t blocks_with_ancestors; /* in use, and all their ancestors: what K must hold */
     bool changed; /* something was split, collapsed or still waits for a read */
 } mn_frame_stats;
 
@@ -138,6 +148,7 @@ typedef struct mn_session_stats {
     uint64_t active_nodes; /* summed over the frames */
     uint64_t commands, commands_loaded, commands_resident, commands_given_up, commands_failed;
     uint64_t reads, read_bytes, second_chances, prefetches, prefetches_given_up;
+    uint64_t prefetches_loaded, prefetches_used; /* used: before their place was taken again */
     uint64_t urgent_up, urgent_down, urgent_down_refused, evictions;
     uint64_t checksum_failures, io_errors;
     uint64_t nav_lock_waits, nav_lock_wait_ns_max; /* Navigate's waits for a lock, in frames */

@@ -1,22 +1,26 @@
 /* The command board. See board.h. */
 #include "board.h"
 
+#include <string.h>
+
 #include "assert.h"
 
-size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max) {
+size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max, uint32_t look_bytes) {
     return mni_arena_need(urgent_max, sizeof(mni_command), _Alignof(mni_command)) +
-           mni_arena_need(prefetch_max, sizeof(mni_command), _Alignof(mni_command));
+           mni_arena_need(prefetch_max, sizeof(mni_command), _Alignof(mni_command)) +
+           mni_arena_need(look_bytes, 1, 64);
 }
 
-static void ring_open(mni_ring *ring, uint32_t max, mni_arena *arena) {
-    *ring = (mni_ring){.command =
-                           mni_arena_take(arena, max, sizeof(mni_command), _Alignof(mni_command)),
-                       .max = max};
+static void ring_open(mni_command_ring *ring, uint32_t max, mni_arena *arena) {
+    *ring = (mni_command_ring){
+        .command = mni_arena_take(arena, max, sizeof(mni_command), _Alignof(mni_command)),
+        .max = max};
 }
 
 void mni_board_open(mni_board *board, uint32_t urgent_max, uint32_t prefetch_max,
-                    mni_arena *arena) {
-    *board = (mni_board){.open = 0};
+                    uint32_t look_bytes, mni_arena *arena) {
+    *board =
+        (mni_board){.look = mni_arena_take(arena, look_bytes, 1, 64), .look_bytes = look_bytes};
     ring_open(&board->urgent, urgent_max, arena);
     ring_open(&board->prefetch, prefetch_max, arena);
     mni_lock_open(&board->lock);
@@ -30,16 +34,24 @@ void mni_board_close(mni_board *board) {
     mni_lock_close(&board->lock);
 }
 
+void mni_notes_add(mni_notes *notes, const mni_note *note) {
+    for (uint32_t i = 0; i < notes->count; i++)
+        if (memcmp(&notes->note[i], note, sizeof *note) == 0)
+            return;
+    if (notes->count < MNI_NOTES_MAX)
+        notes->note[notes->count++] = *note;
+}
+
 /* ---- rings, under the lock ------------------------------------------------------------------- */
 
-static bool ring_push(mni_ring *ring, const mni_command *command) {
+static bool ring_push(mni_command_ring *ring, const mni_command *command) {
     if (ring->count == ring->max)
         return false;
     ring->command[(ring->first + ring->count++) % ring->max] = *command;
     return true;
 }
 
-static bool ring_pop(mni_ring *ring, mni_command *out) {
+static bool ring_pop(mni_command_ring *ring, mni_command *out) {
     if (ring->count == 0)
         return false;
     *out = ring->command[ring->first];
@@ -50,39 +62,79 @@ static bool ring_pop(mni_ring *ring, mni_command *out) {
 
 /* ---- commands -------------------------------------------------------------------------------- */
 
-bool mni_board_post(mni_board *board, const mni_command *command) {
-    bool prefetch = command->kind == MNI_COMMAND_PREFETCH;
-    mni_lock_take(&board->lock);
-    bool room = ring_push(prefetch ? &board->prefetch : &board->urgent, command);
-    if (room || prefetch)
-        board->counts.posted[command->kind]++;
-    if (room && !board->held && board->urgent.count + board->prefetch.count == 1)
-        pthread_cond_signal(&board->work);
-    if (room)
-        board->open++;
-    else if (prefetch)
-        board->counts.ended[command->kind][MNI_END_GIVEN_UP]++;
-    mni_lock_give(&board->lock);
-    return room;
+static bool is_nearer(const mni_command *a, const mni_command *b) {
+    return a->due != b->due ? a->due < b->due : a->ref.id < b->ref.id;
 }
 
-bool mni_board_fetch(mni_board *board, mni_command *out) {
+/* By due, then by place in the file. Shell's sort: there are hundreds at most, and the C library's
+ * may allocate. */
+static void sort_nearest_first(mni_command *command, uint32_t count) {
+    static const uint32_t gaps[] = {301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof gaps / sizeof gaps[0]; g++)
+        for (uint32_t i = gaps[g]; i < count; i++) {
+            mni_command moving = command[i];
+            uint32_t at = i;
+            for (; at >= gaps[g] && is_nearer(&moving, &command[at - gaps[g]]); at -= gaps[g])
+                command[at] = command[at - gaps[g]];
+            command[at] = moving;
+        }
+}
+
+/* Takes the prefetches that nobody has fetched off the ring, to the end of the batch, but for those
+ * that are to be cancelled. */
+static void take_back(mni_board *board, mni_batch *batch) {
+    mni_command old;
+    while (ring_pop(&board->prefetch, &old)) {
+        board->open--;
+        if (old.frame < batch->cancel_before) {
+            board->counts.ended[old.kind][MNI_END_GIVEN_UP]++;
+            continue;
+        }
+        board->counts.posted[old.kind]--; /* as it will be again */
+        batch->command[batch->count++] = old;
+    }
+}
+
+uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
+    uint32_t rejected = 0, urgent = 0;
     mni_lock_take(&board->lock);
-    bool found = !board->held && (ring_pop(&board->urgent, out) || ring_pop(&board->prefetch, out));
+    while (urgent < batch->count && batch->command[urgent].kind != MNI_COMMAND_PREFETCH)
+        urgent++;
+    if (batch->sorts) {
+        take_back(board, batch);
+        sort_nearest_first(batch->command + urgent, batch->count - urgent);
+    }
+    for (uint32_t i = 0; i < batch->count; i++) {
+        const mni_command *command = &batch->command[i];
+        bool prefetch = command->kind == MNI_COMMAND_PREFETCH;
+        MN_ASSERT(prefetch == (i >= urgent));
+        bool room = ring_push(prefetch ? &board->prefetch : &board->urgent, command);
+        board->open += room;
+        if (room || prefetch)
+            board->counts.posted[command->kind]++;
+        if (!room && prefetch)
+            board->counts.ended[command->kind][MNI_END_GIVEN_UP]++;
+        if (!room && !prefetch)
+            batch->command[rejected++] = *command;
+    }
+    if (batch->count > rejected)
+        pthread_cond_signal(&board->work);
     mni_lock_give(&board->lock);
-    return found;
+    return rejected;
+}
+
+uint32_t mni_board_fetch(mni_board *board, mni_command *out, uint32_t max) {
+    uint32_t count = 0;
+    mni_lock_take(&board->lock);
+    while (count < max &&
+           (ring_pop(&board->urgent, &out[count]) || ring_pop(&board->prefetch, &out[count])))
+        count++;
+    mni_lock_give(&board->lock);
+    return count;
 }
 
 static bool has_work(const mni_board *board) {
-    return !board->held && board->urgent.count + board->prefetch.count > 0;
-}
-
-void mni_board_hold(mni_board *board, bool held) {
-    mni_lock_take(&board->lock);
-    board->held = held;
-    if (has_work(board))
-        pthread_cond_signal(&board->work);
-    mni_lock_give(&board->lock);
+    return board->urgent.count + board->prefetch.count > 0;
 }
 
 static uint64_t unended(const mni_board *board) {
@@ -95,16 +147,38 @@ static uint64_t unended(const mni_board *board) {
     return count;
 }
 
-void mni_board_end(mni_board *board, mni_command_kind kind, mni_end end) {
-    MN_ASSERT(kind < MNI_COMMANDS && end < MNI_ENDS);
+void mni_board_tell(mni_board *board, mni_board_news *news) {
     mni_lock_take(&board->lock);
-    MN_ASSERT(board->open > 0);
-    board->open--;
-    board->counts.ended[kind][end]++;
+    board->open += news->own;
+    board->counts.posted[MNI_COMMAND_PREFETCH] += news->own;
+    for (int kind = 0; kind < MNI_COMMANDS; kind++)
+        for (int end = 0; end < MNI_ENDS; end++) {
+            MN_ASSERT(board->open >= news->ended[kind][end]);
+            board->open -= news->ended[kind][end];
+            board->counts.ended[kind][end] += news->ended[kind][end];
+        }
     MN_ASSERT(unended(board) == board->open);
     if (board->open == 0)
         pthread_cond_signal(&board->quiet);
     mni_lock_give(&board->lock);
+    *news = (mni_board_news){0};
+}
+
+void mni_board_look(mni_board *board, const void *look) {
+    mni_lock_take(&board->lock);
+    memcpy(board->look, look, board->look_bytes);
+    board->looks++;
+    mni_lock_give(&board->lock);
+}
+
+bool mni_board_look_get(mni_board *board, void *out, uint64_t *looks) {
+    mni_lock_take(&board->lock);
+    bool fresh = *looks != board->looks;
+    if (fresh)
+        memcpy(out, board->look, board->look_bytes);
+    *looks = board->looks;
+    mni_lock_give(&board->lock);
+    return fresh;
 }
 
 /* ---- waiting --------------------------------------------------------------------------------- */

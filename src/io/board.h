@@ -29,11 +29,33 @@ typedef enum mni_command_kind {
     MNI_COMMANDS
 } mni_command_kind;
 
+/* Which places a command may take, when its block is not there. */
+typedef enum mni_places {
+    MNI_PLACES_ANY = 0, /* a free one; urgent: also one that is only referred to */
+    MNI_PLACES_SPARE,   /* free, and not kept for anybody */
+    MNI_PLACES_EMPTY,   /* one that no block has been in */
+} mni_places;
+
+/* What is known of a block before it has come, for whoever looks into it then: opaque here. */
+enum { MNI_NOTES_MAX = 3 }; /* different ones of a block; further ones are lost */
+typedef struct mni_note {
+    uint32_t word[4];
+} mni_note;
+typedef struct mni_notes {
+    uint32_t count;
+    mni_note note[MNI_NOTES_MAX];
+} mni_notes;
+void mni_notes_add(mni_notes *notes, const mni_note *note);
+
 typedef struct mni_command {
     mni_command_kind kind;
+    mni_places places;
     mn_block_ref ref;
     uint32_t parent_id;                   /* that the block must name; MN_NONE: any */
-    uint32_t sponsor, sponsor_generation; /* who wants it */
+    uint32_t sponsor, sponsor_generation; /* who wants it; MN_NONE: whoever posts or cancels it */
+    uint32_t due;                         /* frame in which it will be wanted: sorts prefetches */
+    uint32_t frame;                       /* in which it was last posted */
+    mni_notes notes;
 } mni_command;
 
 typedef enum mni_end {
@@ -49,34 +71,58 @@ typedef struct mni_board_counts {
     uint64_t ended[MNI_COMMANDS][MNI_ENDS];
 } mni_board_counts;
 
-typedef struct mni_ring {
+/* What a frame posts, and what it takes back. */
+typedef struct mni_batch {
+    mni_command *command; /* with room for the prefetch ring behind `count` */
+    uint32_t count;
+    bool sorts;             /* prefetches stand by due, not in the order in which they came */
+    uint32_t cancel_before; /* prefetches posted in an earlier frame end, given up; 0: none do */
+} mni_batch;
+
+/* What I/O has to say at the end of a step. */
+typedef struct mni_board_news {
+    uint32_t own; /* prefetches that it has posted to itself */
+    uint32_t ended[MNI_COMMANDS][MNI_ENDS];
+} mni_board_news;
+
+typedef struct mni_command_ring {
     mni_command *command;
     uint32_t max, first, count;
-} mni_ring;
+} mni_command_ring;
 
 typedef struct mni_board {
     mni_lock lock;        /* subject: everything below */
     pthread_cond_t work;  /* a ring is no longer empty, or stop */
     pthread_cond_t quiet; /* open has become 0 */
-    mni_ring urgent, prefetch;
+    mni_command_ring urgent, prefetch;
     uint32_t open; /* commands posted and not ended */
-    bool held;     /* fetch finds nothing: Navigate is still posting */
     bool stop;
     mni_board_counts counts;
+    unsigned char *look; /* look_bytes; what the camera sees, for whoever can read it */
+    uint32_t look_bytes;
+    uint64_t looks; /* posted so far */
 } mni_board;
 
-size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max);
-void mni_board_open(mni_board *board, uint32_t urgent_max, uint32_t prefetch_max, mni_arena *arena);
+size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max, uint32_t look_bytes);
+void mni_board_open(mni_board *board, uint32_t urgent_max, uint32_t prefetch_max,
+                    uint32_t look_bytes, mni_arena *arena);
 void mni_board_close(mni_board *board);
 
-/* false: no room. A prefetch has then been posted and has ended, given up; an urgent command has
- * not been posted: ask again. */
-bool mni_board_post(mni_board *board, const mni_command *command);
-bool mni_board_fetch(mni_board *board, mni_command *out); /* false: nothing there, or held */
-/* Navigate, around its posting: with a serialised disk, what finds room on the board must not
- * depend on how fast I/O fetches. */
-void mni_board_hold(mni_board *board, bool held);
-void mni_board_end(mni_board *board, mni_command_kind kind, mni_end end);
+/* Posts a batch under one lock, so that what finds room does not depend on how fast I/O fetches. A
+ * prefetch for which there is no room has been posted and has ended, given up. An urgent command
+ * for which there is none has not been posted: those are moved to the front of the batch, in their
+ * order; returns how many. */
+uint32_t mni_board_post(mni_board *board, mni_batch *batch);
+/* At most max, urgent ones first; returns how many. */
+uint32_t mni_board_fetch(mni_board *board, mni_command *out, uint32_t max);
+/* What I/O posts to itself counts before what has ended, so that there is no moment at which all
+ * seems quiet. Sets *news to zero. */
+void mni_board_tell(mni_board *board, mni_board_news *news);
+
+/* What the camera sees now; look_bytes, copied. get: false, and *out as it was, when nothing new
+ * has been posted since *looks, which it sets. */
+void mni_board_look(mni_board *board, const void *look);
+bool mni_board_look_get(mni_board *board, void *out, uint64_t *looks);
 
 /* I/O: sleeps until there is something to fetch; false: told to stop. */
 bool mni_board_wait_work(mni_board *board);

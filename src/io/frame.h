@@ -47,6 +47,10 @@ const char *mni_frame_fault_text(mni_frame_fault fault);
 /* Of bytes that were checked. */
 void mni_frame_get(const void *bytes, mni_frame *out);
 mn_block_ref mni_frame_ref(const void *bytes, uint32_t index);
+/* References that a block of that length can have at most. */
+static inline uint32_t mni_frame_refs_max(uint32_t block_bytes) {
+    return (block_bytes - MNI_FRAME_BYTES) / (uint32_t)sizeof(mn_block_ref);
+}
 /* Offset of the payload in a frame with that many references. */
 uint32_t mni_frame_payload_at(uint32_t refs);
 /* Writes the frame (references are in place already: see mni_frame_set_ref) and its checksum. */

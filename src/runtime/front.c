@@ -14,6 +14,7 @@
 
 #include "assert.h"
 #include "frame.h"
+#include "rate.h"
 #include "ring.h"
 #include "sieve.h"
 
@@ -336,7 +337,12 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
     }
     mni_child where;
     mni_block_exit(block, f->face[slot].index, &where);
-    mni_answer answer = mni_store_down(f->store, own, mni_frame_ref(bytes, where.ref), entry);
+    mn_block_ref ref = mni_frame_ref(bytes, where.ref);
+    mni_answer answer = mni_store_down(f->store, own, ref, entry);
+    if (answer == MNI_ABSENT) {
+        const mni_note note = mni_rate_note(where.subtree, at.position);
+        mni_store_note(f->store, ref, &note);
+    }
     if (answer != MNI_GRANTED)
         return answer == MNI_ABSENT ? MNI_MISS : MNI_REFUSED_POOL;
     if (holds_subtree(f, *entry, where.subtree)) {
@@ -352,6 +358,18 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
     }
     mni_store_sub(f->store, *entry);
     return MNI_BAD;
+}
+
+mni_entry mni_front_exit(mni_front *f, uint32_t slot, mn_block_ref *ref, mni_note *note) {
+    MN_ASSERT(mni_front_is_active(f, slot) && (f->node[slot].flags & MNI_NODE_EXIT) != 0);
+    mni_entry own = mni_front_entry(f, f->node[slot].parent, slot);
+    const void *bytes;
+    const mni_block *block = view_of(f, own, &bytes);
+    mni_child where;
+    mni_block_exit(block, f->face[slot].index, &where);
+    *ref = mni_frame_ref(bytes, where.ref);
+    *note = mni_rate_note(where.subtree, &f->position[3 * (size_t)slot]);
+    return own;
 }
 
 /* ---- the simplices that a split brings --------------------------------------------------------

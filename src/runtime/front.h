@@ -223,6 +223,9 @@ uint64_t mni_front_imbalance(const mni_front *front);
 bool mni_front_input_is_closed(const char *path, const mn_header *header);
 /* Invariant 1, the validity of the front, and the equations of this struct, by recount. Asserts. */
 void mni_front_check(const mni_front *front);
+/* Of an active node that is an exit: the block with its record, a note on that block
+ * (mni_rate_block), and the entry that refers to it. */
+mni_entry mni_front_exit(mni_front *front, uint32_t slot, mn_block_ref *ref, mni_note *note);
 /* Adds up active nodes by entry. counts: zeroed, one an entry. */
 void mni_front_usage(const mni_front *front, uint32_t *counts);
 

@@ -22,10 +22,11 @@ typedef struct mni_grant {
     uint32_t parent_id;
     uint32_t serial; /* of the record: rises with each grant */
     mni_way way;
-    bool posted;  /* a command for it is open */
-    bool waiting; /* the last answer was that it is absent */
-    bool used;    /* its block's usage is above 0 */
-    bool outside; /* its block has no entry in the ancestor table */
+    bool posted;     /* a command for it is open */
+    bool waiting;    /* the last answer was that it is absent */
+    bool used;       /* its block's usage is above 0 */
+    bool outside;    /* its block has no entry in the ancestor table */
+    mni_notes notes; /* Navigate's alone */
     uint64_t asked_frame;
     uint64_t absent_serial; /* OVERFLOW: answers "absent" in this run when it was handed over */
 } mni_grant;

@@ -51,6 +51,9 @@ typedef struct mni_holder {
     bool touched; /* on Navigate's list for the end of the frame */
     bool pinned;  /* of a grant */
 
+    bool prefetched;      /* came for nobody's grant, and has not been used since */
+    uint32_t ahead_frame; /* low bits: of the frame in which somebody last foresaw its use */
+
     /* reference count = parent_in_use + children_in_use, of neighbours with in_use set */
     bool parent_in_use;
     uint32_t children_in_use;

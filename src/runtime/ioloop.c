@@ -17,6 +17,22 @@ enum {
     PAUSE_NS = 1000 * 1000,          /* when the kernel has no room for any read */
     THREAD_STACK_BYTES = 256 * 1024, /* checking a block's contents needs little */
 };
+#define SCOUT_URGENCY 0.25f /* of a block that is read while there are empty places */
+
+size_t mni_ioloop_need(uint32_t block_bytes_max, uint32_t look_bytes) {
+    return mni_scouts_need() + mni_arena_need(look_bytes, 1, 64) +
+           mni_arena_need(mni_frame_refs_max(block_bytes_max), sizeof(float), _Alignof(float)) +
+           mni_arena_need(mni_frame_refs_max(block_bytes_max), sizeof(mni_notes),
+                          _Alignof(mni_notes));
+}
+
+void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena) {
+    mni_scouts_open(&loop->scouts, arena);
+    loop->look = mni_arena_take(arena, look_bytes, 1, 64);
+    uint32_t refs_max = mni_frame_refs_max(loop->header->block_bytes_max);
+    loop->urgency = mni_arena_take(arena, refs_max, sizeof(float), _Alignof(float));
+    loop->below = mni_arena_take(arena, refs_max, sizeof(mni_notes), _Alignof(mni_notes));
+}
 
 /* ---- completing ------------------------------------------------------------------------------ */
 
@@ -28,7 +44,7 @@ static void request_free(mni_ioloop *loop, mni_request *request) {
 
 static void fail(mni_ioloop *loop, mni_request *request, bool io, const char *why) {
     mni_pool_failed(loop->pool, &request->command, &request->load, io, why);
-    mni_board_end(loop->board, request->command.kind, MNI_END_FAILED);
+    loop->news.ended[request->command.kind][MNI_END_FAILED]++;
     request_free(loop, request);
 }
 
@@ -48,14 +64,44 @@ static const char *fault_of(const mni_ioloop *loop, const mni_load *load) {
     return NULL;
 }
 
+/* Sends scouts to what the camera wants, or may soon want, below a block that has come and is still
+ * ours. */
+static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_notes *notes) {
+    if (loop->rate == NULL)
+        return;
+    (void)mni_board_look_get(loop->board, loop->look, &loop->looks);
+    if (loop->looks == 0)
+        return;
+    mni_frame frame;
+    mni_frame_get(load->bytes, &frame);
+    loop->rate(loop->rate_context, loop->look, load->bytes, notes, loop->urgency, loop->below);
+    for (uint32_t i = 0; i < frame.refs; i++) {
+        if (!(loop->urgency[i] >= SCOUT_URGENCY))
+            continue;
+        mni_command command = {.kind = MNI_COMMAND_PREFETCH,
+                               .places = loop->urgency[i] < 1 ? MNI_PLACES_EMPTY : MNI_PLACES_SPARE,
+                               .ref = mni_frame_ref(load->bytes, i),
+                               .parent_id = load->ref.id,
+                               .sponsor = MN_NONE,
+                               .notes = loop->below[i]};
+        bool fits = (uint64_t)command.ref.pages * MN_PAGE_BYTES <= loop->header->block_bytes_max;
+        if (!fits)
+            continue; /* a lying file */
+        loop->news.own++;
+        if (!mni_scouts_push(&loop->scouts, &command, loop->urgency[i]))
+            loop->news.ended[MNI_COMMAND_PREFETCH][MNI_END_GIVEN_UP]++;
+    }
+}
+
 static void complete(mni_ioloop *loop, mni_request *request) {
     const char *why = fault_of(loop, &request->load);
     if (why != NULL) {
         fail(loop, request, false, why);
         return;
     }
+    scout_from(loop, &request->load, &request->command.notes);
     mni_pool_loaded(loop->pool, &request->command, &request->load);
-    mni_board_end(loop->board, request->command.kind, MNI_END_LOADED);
+    loop->news.ended[request->command.kind][MNI_END_LOADED]++;
     request_free(loop, request);
 }
 
@@ -74,7 +120,7 @@ static void act(mni_ioloop *loop, const mni_done *done) {
         return;
     }
     MN_ASSERT((uint32_t)done->result <= length_bytes - request->done_bytes);
-    mni_pool_count_read(loop->pool, (uint64_t)done->result);
+    request->load.read_bytes += (uint32_t)done->result;
     if (done->result == 0) {
         fail(loop, request, true, "the file ends before it");
         return;
@@ -117,12 +163,21 @@ static uint32_t submit_again(mni_ioloop *loop) {
     return in_flight;
 }
 
-static bool next_command(mni_ioloop *loop, mni_command *out) {
-    if (!loop->stalled)
-        return mni_board_fetch(loop->board, out);
+/* What Navigate has posted, then what the scouts have found; these leave some of the disk for what
+ * Navigate posts meanwhile. */
+static bool next_command(mni_ioloop *loop, uint32_t depth, mni_command *out) {
+    if (loop->next == loop->fetched_count) {
+        uint32_t room = depth - loop->busy;
+        loop->next = 0;
+        loop->fetched_count = mni_board_fetch(loop->board, loop->fetched,
+                                              room < MNI_DISK_DEPTH ? room : MNI_DISK_DEPTH);
+    }
     loop->stalled = false;
-    *out = loop->stalled_command;
-    return true;
+    if (loop->next < loop->fetched_count) {
+        *out = loop->fetched[loop->next++];
+        return true;
+    }
+    return loop->busy < depth - depth / 4 && mni_scouts_pop(&loop->scouts, out);
 }
 
 /* Takes a command as far as a read, or ends it. false: it waits for a place. */
@@ -141,27 +196,32 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
         return true;
     }
     case MNI_BEGIN_RESIDENT:
-        mni_board_end(loop->board, command->kind, MNI_END_RESIDENT);
+        loop->news.ended[command->kind][MNI_END_RESIDENT]++;
         return true;
     case MNI_BEGIN_GIVE_UP:
-        mni_board_end(loop->board, command->kind, MNI_END_GIVEN_UP);
+        loop->news.ended[command->kind][MNI_END_GIVEN_UP]++;
         return true;
     case MNI_BEGIN_WAIT:
         break;
     }
+    MN_ASSERT(command->kind != MNI_COMMAND_PREFETCH && loop->next > 0);
     loop->stalled = true;
-    loop->stalled_command = *command;
+    loop->next--;
     return false;
 }
 
-bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
+/* As many commands as the disk takes. */
+static void begin_all(mni_ioloop *loop) {
     uint32_t depth = loop->serial ? 1 : loop->disk->method->depth;
     mni_command command;
-    uint32_t in_flight = submit_again(loop);
-    while (loop->busy < depth && next_command(loop, &command))
+    while (loop->busy < depth && next_command(loop, depth, &command))
         if (!begin(loop, &command))
             break;
-    in_flight = loop->busy > 0 ? submit_again(loop) : in_flight;
+}
+
+bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
+    begin_all(loop);
+    uint32_t in_flight = loop->busy > 0 ? submit_again(loop) : 0;
     if (wait && loop->busy > 0 && in_flight == 0) {
         struct timespec pause = {.tv_nsec = PAUSE_NS};
         (void)nanosleep(&pause, NULL);
@@ -171,7 +231,10 @@ bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
         loop->disk->method->collect(loop->disk->self, done, MNI_DISK_DEPTH, wait && in_flight > 0);
     for (uint32_t i = 0; i < count; i++)
         act(loop, &done[i]);
-    return loop->busy > 0 || loop->stalled;
+    if (count > 0)
+        begin_all(loop); /* what has come may have scouts, or places for those that wait */
+    mni_board_tell(loop->board, &loop->news);
+    return loop->busy > 0 || loop->next < loop->fetched_count || loop->scouts.count > 0;
 }
 
 /* ---- the thread ------------------------------------------------------------------------------ */
@@ -206,9 +269,11 @@ void mni_ioloop_stop(mni_ioloop *loop) {
     if (loop->has_thread)
         pthread_join(loop->thread, NULL);
     loop->has_thread = false;
-    /* What nobody fetched is given up; a simulated disk still has reads in flight. */
-    while (next_command(loop, &command))
-        mni_board_end(loop->board, command.kind, MNI_END_GIVEN_UP);
+    /* What nobody has begun is given up; a simulated disk still has reads in flight. */
+    loop->rate = NULL;
+    while (next_command(loop, UINT32_MAX, &command))
+        loop->news.ended[command.kind][MNI_END_GIVEN_UP]++;
+    mni_board_tell(loop->board, &loop->news);
     while (mni_ioloop_step(loop, false))
         if (loop->disk->method->own_time)
             (void)loop->disk->method->advance(loop->disk->self, UINT64_MAX);

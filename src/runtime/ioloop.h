@@ -12,6 +12,7 @@
 
 #include "disk.h"
 #include "pool.h"
+#include "scout.h"
 
 typedef enum mni_request_state {
     MNI_REQUEST_FREE = 0,  /* then IN_FLIGHT */
@@ -35,17 +36,30 @@ typedef struct mni_ioloop {
     const mn_header *header;
     mni_store_check check;
     const void *check_context;
+    mni_store_rate rate; /* NULL: no scouts */
+    const void *rate_context;
     bool serial; /* one command at a time, in order */
     bool has_thread;
     pthread_t thread;
     /* I/O only */
     mni_request request[MNI_DISK_DEPTH]; /* by tag */
     uint32_t busy;                       /* requests that are not FREE */
-    bool stalled;                        /* an urgent command waits for a place */
-    mni_command stalled_command;
+    mni_command fetched[MNI_DISK_DEPTH]; /* from the board, [next, fetched_count) not begun yet */
+    uint32_t next, fetched_count;
+    bool stalled; /* the next one is urgent and waits for a place */
+    mni_board_news news;
+    mni_scouts scouts;
+    unsigned char *look; /* as last seen on the board */
+    uint64_t looks;      /* 0: never */
+    float *urgency;      /* of a block's references … */
+    mni_notes *below;    /* … and what is known of them */
 } mni_ioloop;
 
-/* Zeroed memory; the fields above the line are filled in by the caller. */
+/* What open takes from the arena. */
+size_t mni_ioloop_need(uint32_t block_bytes_max, uint32_t look_bytes);
+void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena);
+
+/* The fields above the line are filled in by the caller, before open. */
 mn_code mni_ioloop_start(mni_ioloop *loop, mn_status *st);
 /* One round: submits, collects, completes, fetches. wait: sleeps a little when reads are in flight
  * and none has ended. Returns whether anything is under way. */

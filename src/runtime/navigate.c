@@ -196,23 +196,52 @@ static uint32_t push_blockers(mni_navigator *nav, uint32_t slot, uint32_t top) {
     return room > 1 ? mni_front_split_blockers(&nav->front, slot, nav->stack + top, room) : 1;
 }
 
+static bool is_missed(const mni_navigator *nav, uint32_t missed, mni_front_ref node) {
+    for (uint32_t i = 0; i < missed; i++)
+        if (nav->missed[i].slot == node.slot && nav->missed[i].order == node.order)
+            return true;
+    return false;
+}
+
+/* Of the blockers pushed last, those that are not missed; *waits: there were others, so whoever has
+ * pushed them cannot be split either. */
+static uint32_t keep_unmissed(mni_navigator *nav, uint32_t top, uint32_t pushed, uint32_t missed,
+                              bool *waits) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < pushed; i++)
+        if (!is_missed(nav, missed, nav->stack[top + i]))
+            nav->stack[top + kept++] = nav->stack[top + i];
+    *waits = kept < pushed;
+    return kept;
+}
+
 /* Splits slot and, before it, what must be split before it; whole, or not at all. *count: splits in
- * nav->chain. No recursion: order ids rise along the stack, so that it ends. */
+ * nav->chain. No recursion: order ids rise along the stack, so that it ends. When a block is absent
+ * it goes on with what does not depend on that, so that all blocks that are absent are asked for at
+ * once, and not one a frame. */
 static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
     mni_front *front = &nav->front;
     mni_outcome outcome = MNI_DONE;
-    uint32_t top = 1;
+    uint32_t top = 1, missed = 0, first_missed = 0;
     nav->stack[0] = mni_front_ref_of(front, slot);
     *count = 0;
     while (top > 0 && outcome == MNI_DONE) {
         mni_front_ref at = nav->stack[top - 1];
-        if (!mni_front_stands(front, at)) { /* another way has split it */
-            top--;
+        if (!mni_front_stands(front, at) || is_missed(nav, missed, at)) {
+            top--; /* another way has split it, or asked for it */
             continue;
         }
+        bool waits = false;
         uint32_t pushed = push_blockers(nav, at.slot, top);
+        if (missed > 0)
+            pushed = keep_unmissed(nav, top, pushed, missed, &waits);
         if (pushed > 0) {
             top += pushed;
+        } else if (missed > 0 &&
+                   (missed == MNI_MISSED_MAX || *count - first_missed == MNI_SURVEY_MAX)) {
+            outcome = MNI_MISS;
+        } else if (waits) {
+            nav->missed[missed++] = at;
         } else if (top == MNI_STACK_MAX || *count == nav->chain_max) {
             outcome = MNI_REFUSED_FRONT;
         } else if (nav->ops_max > 0 && ops(nav) > 0 && ops(nav) + *count >= nav->ops_max) {
@@ -225,9 +254,15 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
                 check_small(nav);
                 if (nav->triangles_max > 0 && front->triangles > nav->triangles_max)
                     outcome = MNI_REFUSED_FRONT;
+            } else if (outcome == MNI_MISS) {
+                first_missed = missed == 0 ? *count : first_missed;
+                nav->missed[missed++] = at;
+                outcome = MNI_DONE;
             }
         }
     }
+    if (missed > 0 && outcome != MNI_REFUSED_POOL)
+        outcome = MNI_MISS;
     if (outcome != MNI_DONE)
         chain_undo(nav, *count);
     mni_store_attempt_over(front->store);
@@ -430,6 +465,39 @@ static void split_pass(mni_navigator *nav) {
     nav->version = front->version;
 }
 
+/* ---- rehearsals ------------------------------------------------------------------------------ */
+
+/* Which blocks a split will need depends on the splits that it will force. So those that are
+ * foreseen are carried out, as far as blocks are there, and undone. */
+static void rehearse(mni_navigator *nav) {
+    mni_front *front = &nav->front;
+    mni_ahead *ahead = &nav->ahead;
+    uint32_t chain_max = nav->chain_max, count;
+    if (nav->chain_max > MNI_REHEARSED_MAX)
+        nav->chain_max = MNI_REHEARSED_MAX;
+    for (uint32_t i = 0; i < ahead->splits; i++) {
+        const mni_ahead_split *split = &ahead->split[i];
+        if (!mni_front_stands(front, split->node))
+            continue;
+        mni_store_rehearse(front->store, split->frames + 1);
+        mni_outcome outcome = chain_find(nav, split->node.slot, &count);
+        if (outcome == MNI_DONE) {
+            for (uint32_t c = 0; c < count; c++)
+                for (int side = 0; side < 2; side++) {
+                    uint32_t child = front->branch[nav->chain[c]].child[side];
+                    if ((child & MNI_FRONT_BRANCH) == 0)
+                        mni_ahead_newborn(ahead, front, child);
+                }
+            chain_undo(nav, count);
+            mni_store_attempt_over(front->store);
+        }
+        if (outcome != MNI_MISS)
+            mni_ahead_know(ahead, split->node);
+    }
+    mni_store_rehearse(front->store, 0);
+    nav->chain_max = chain_max;
+}
+
 /* ---- degrading ---------------------------------------------------------------------------------
  */
 
@@ -471,11 +539,20 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, nav->size, used_px,
                   &nav->weights);
     mni_sieve_make(&nav->sieve, &nav->lens, nav->coordinate_max);
+    if (nav->looks_ahead) {
+        mni_ahead_begin(&nav->ahead, camera, &nav->lens, nav->width_px, nav->height_px, nav->size,
+                        &nav->weights, nav->coordinate_max);
+        mni_store_look(nav->front.store, &nav->ahead.look);
+    }
     nav->work = (mni_work){0};
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */
     collapse_pass(nav);
     split_pass(nav);
+    if (nav->looks_ahead) {
+        mni_ahead_scan(&nav->ahead, &nav->front);
+        rehearse(nav);
+    }
     nav->moved = moved;
 }
 

@@ -3,6 +3,7 @@
 #define MNI_NAVIGATE_H
 
 #include "agenda.h"
+#include "ahead.h"
 #include "front.h"
 #include "level.h"
 #include "sieve.h"
@@ -10,6 +11,9 @@
 enum {
     MNI_CHAIN_MAX = 1 << 16, /* splits in one chain of forced splits */
     MNI_STACK_MAX = 1 << 13, /* nodes waiting in one */
+    MNI_MISSED_MAX = 32,     /* nodes of a chain that are known to be missing: enough to ask … */
+    MNI_SURVEY_MAX = 64,     /* … and splits after the first, for the sake of further ones */
+    MNI_REHEARSED_MAX = 64,  /* splits of a chain that is rehearsed */
     MNI_TURNS = 16,          /* frames in which each refused chain has its turn */
 };
 
@@ -28,6 +32,7 @@ typedef struct mni_navigator {
     /* const after open */
     uint64_t ops_max; /* a frame; 0: no limit */
     bool degrades;
+    bool looks_ahead;     /* blocks are prefetched by where the camera is going */
     double size;          /* of the model: its radius */
     float coordinate_max; /* and its largest coordinate, either way */
     mni_agenda agenda;
@@ -36,6 +41,7 @@ typedef struct mni_navigator {
     uint32_t *chain;      /* chain_max branches */
     uint32_t chain_max;
     mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
+    mni_front_ref missed[MNI_MISSED_MAX];
 
     /* the frame */
     /* by the session: at open, and when they change */
@@ -44,6 +50,7 @@ typedef struct mni_navigator {
     uint64_t triangles_max; /* 0: as many as there is room for */
     mni_lens lens;
     mni_sieve sieve; /* the lens, in single precision */
+    mni_ahead ahead;
     mn_camera camera;
     double tolerance_px; /* as asked for; the lens has what is used */
     bool moved;          /* the camera or the tolerance is not the last frame's */

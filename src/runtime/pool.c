@@ -4,14 +4,33 @@
 #include "assert.h"
 #include "frame.h"
 
+enum { PREFETCHES_MIN = 256, PREFETCHES_MAX = 4096, KEPT_SHARE = 32, KEPT_MOST = 64 };
+
+uint32_t mni_pool_prefetches_max(uint32_t k) {
+    return k < PREFETCHES_MIN ? PREFETCHES_MIN : k > PREFETCHES_MAX ? PREFETCHES_MAX : k;
+}
+
+/* Each grant's command, and prefetches; the board's own come behind. */
+static uint32_t batch_max(uint32_t k) {
+    return k + mni_pool_prefetches_max(k);
+}
+
 size_t mni_pool_need(const mn_header *header, uint32_t k) {
-    return mni_holders_need(k, header->block_bytes_max) + mni_hashmap_need(k) + mni_grants_need(k) +
-           mni_failures_need() + mni_arena_need(k, sizeof(uint32_t), _Alignof(uint32_t));
+    return mni_arena_need(batch_max(k) + mni_pool_prefetches_max(k), sizeof(mni_command),
+                          _Alignof(mni_command)) +
+           mni_arena_need(MNI_AHEAD_MAX, sizeof(mni_command), _Alignof(mni_command)) +
+           mni_hashmap_need(MNI_AHEAD_MAX) + mni_holders_need(k, header->block_bytes_max) +
+           mni_hashmap_need(k) + mni_grants_need(k) + mni_failures_need() +
+           mni_arena_need(k, sizeof(uint32_t), _Alignof(uint32_t));
 }
 
 void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board, mni_arena *arena) {
     uint32_t k = desc->k;
-    *pool = (mni_pool){.header = desc->header, .board = board};
+    *pool = (mni_pool){.header = desc->header,
+                       .board = board,
+                       .prefetch = desc->prefetch,
+                       .kept = 2 + (k / KEPT_SHARE < KEPT_MOST ? k / KEPT_SHARE : KEPT_MOST),
+                       .batch_max = batch_max(k)};
     mni_holders_open(&pool->holders, k, desc->header->block_bytes_max, arena);
     pool->holders.trace = desc->trace;
     pool->holders.trace_context = desc->trace_context;
@@ -20,6 +39,11 @@ void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board,
     mni_grants_open(&pool->grants, k, arena);
     mni_failures_open(&pool->failures, arena);
     pool->touched = mni_arena_take(arena, k, sizeof(uint32_t), _Alignof(uint32_t));
+    pool->batch.command = mni_arena_take(arena, batch_max(k) + mni_pool_prefetches_max(k),
+                                         sizeof(mni_command), _Alignof(mni_command));
+    pool->batch.sorts = desc->prefetch == MN_PREFETCH_AHEAD;
+    pool->ahead = mni_arena_take(arena, MNI_AHEAD_MAX, sizeof(mni_command), _Alignof(mni_command));
+    mni_hashmap_open(&pool->ahead_by_id, MNI_AHEAD_MAX, arena);
     mni_lock_open(&pool->lock);
 }
 
@@ -80,10 +104,22 @@ void mni_pool_forget_locked(mni_pool *pool, uint32_t slot) {
     holder->children_in_use = 0;
 }
 
+void mni_pool_foresee_locked(mni_pool *pool, uint32_t slot) {
+    MN_ASSERT(pool->locked);
+    mni_holder *holder = &pool->holders.holder[slot];
+    holder->ahead_frame = (uint32_t)pool->frame;
+    if (holder->state != MNI_HOLDER_FREED)
+        return;
+    mni_freelist_unlink(&pool->free, &pool->holders, slot);
+    mni_freelist_append(&pool->free, &pool->holders, slot);
+}
+
 /* ---- I/O: a place for a block ---------------------------------------------------------------- */
 
 /* Does anybody still want the command? One whose sponsor has gone is cancelled here. */
 static bool is_wanted(const mni_pool *pool, const mni_command *command) {
+    if (command->kind == MNI_COMMAND_PREFETCH && command->sponsor == MN_NONE)
+        return true;
     if (command->kind == MNI_COMMAND_PREFETCH) {
         const mni_holder *sponsor = &pool->holders.holder[command->sponsor];
         return sponsor->generation == command->sponsor_generation && sponsor->in_use;
@@ -103,7 +139,27 @@ static uint32_t find_victim(mni_pool *pool) {
     return MNI_NO_SLOT;
 }
 
-static uint32_t take_place(mni_pool *pool, bool urgent) {
+static bool was_foreseen_lately(const mni_pool *pool, const mni_holder *holder) {
+    return holder->ahead_frame != 0 &&
+           (uint32_t)pool->frame - holder->ahead_frame <= MNI_AHEAD_FRAMES;
+}
+
+/* May the command take the first free place? Those at hand first: the free list begins with what
+ * has been empty, then comes what nobody has used or foreseen for longest. */
+static bool place_is_for(const mni_pool *pool, mni_places places) {
+    if (places == MNI_PLACES_ANY)
+        return true;
+    if (pool->free.count == 0)
+        return false;
+    const mni_holder *first = &pool->holders.holder[pool->free.first];
+    if (places == MNI_PLACES_EMPTY || first->state == MNI_HOLDER_EMPTY)
+        return first->state == MNI_HOLDER_EMPTY;
+    return pool->free.count > pool->kept && !was_foreseen_lately(pool, first);
+}
+
+static uint32_t take_place(mni_pool *pool, mni_places places, bool urgent) {
+    if (!place_is_for(pool, places))
+        return MNI_NO_SLOT;
     uint32_t slot = mni_freelist_take(&pool->free, &pool->holders);
     if (slot == MNI_NO_SLOT && urgent) {
         slot = find_victim(pool);
@@ -129,12 +185,14 @@ static mni_begin begin_locked(mni_pool *pool, const mni_command *command, bool m
         if (urgent) {
             mni_pool_rescue_locked(pool, slot);
             mni_pool_pin_locked(pool, slot, true);
+        } else if (command->places == MNI_PLACES_SPARE) {
+            mni_pool_foresee_locked(pool, slot);
         }
         return MNI_BEGIN_RESIDENT;
     }
     if (!mni_failures_due(&pool->failures, command->ref.id, pool->frame))
         return MNI_BEGIN_GIVE_UP;
-    slot = take_place(pool, urgent);
+    slot = take_place(pool, command->places, urgent);
     if (slot == MNI_NO_SLOT)
         return urgent && may_wait ? MNI_BEGIN_WAIT : MNI_BEGIN_GIVE_UP;
 
@@ -144,6 +202,8 @@ static mni_begin begin_locked(mni_pool *pool, const mni_command *command, bool m
     holder->ref = command->ref;
     holder->parent_id = command->parent_id;
     holder->kind = 0;
+    holder->prefetched = !urgent;
+    holder->ahead_frame = command->places == MNI_PLACES_SPARE ? (uint32_t)pool->frame : 0;
     mni_holders_set(&pool->holders, slot, MNI_HOLDER_LOADING);
     mni_hashmap_put(&pool->by_id, holder->ref.id, slot);
     pool->loading_plain++;
@@ -219,7 +279,10 @@ void mni_pool_loaded(mni_pool *pool, const mni_command *command, const mni_load 
     mni_holder *holder = loading_holder(pool, load);
     holder->parent_id = frame.parent_id;
     holder->kind = frame.kind;
-    recount(pool, load->slot);
+    if (pool->prefetch == MN_PREFETCH_NEIGHBOURS)
+        recount(pool, load->slot);
+    pool->stats.read_bytes += load->read_bytes;
+    pool->stats.prefetches_loaded += holder->prefetched;
     pool->loading_plain -= !holder->pinned;
     if (mni_holder_is_loose(holder)) {
         mni_holders_set(&pool->holders, load->slot, MNI_HOLDER_FREED);
@@ -241,6 +304,7 @@ void mni_pool_failed(mni_pool *pool, const mni_command *command, const mni_load 
     mni_pool_forget_locked(pool, load->slot);
     mni_holders_set(&pool->holders, load->slot, MNI_HOLDER_EMPTY);
     mni_freelist_prepend(&pool->free, &pool->holders, load->slot);
+    pool->stats.read_bytes += load->read_bytes;
     if (io)
         pool->stats.io_errors++;
     else
@@ -249,12 +313,6 @@ void mni_pool_failed(mni_pool *pool, const mni_command *command, const mni_load 
         pool->reports < MNI_REPORTS_MAX)
         pool->report[pool->reports++] = (mni_report){.block_id = load->ref.id, .why = why};
     command_over(pool, command);
-    mni_pool_unlock(pool);
-}
-
-void mni_pool_count_read(mni_pool *pool, uint64_t read_bytes) {
-    mni_pool_lock(pool);
-    pool->stats.read_bytes += read_bytes;
     mni_pool_unlock(pool);
 }
 
@@ -286,7 +344,10 @@ static void check_references(mni_pool *pool, uint32_t slot) {
     if (holder->state != MNI_HOLDER_LOADED && holder->state != MNI_HOLDER_FREED)
         return;
     mni_holder before = *holder;
-    recount(pool, slot);
+    holder->parent_in_use = false;
+    holder->children_in_use = 0;
+    if (pool->prefetch == MN_PREFETCH_NEIGHBOURS) /* otherwise nobody counts */
+        recount(pool, slot);
     MN_ASSERT(before.parent_in_use == holder->parent_in_use);
     MN_ASSERT(before.children_in_use == holder->children_in_use);
 }

@@ -21,7 +21,11 @@
 #include "holder.h"
 #include "store_kind.h"
 
-enum { MNI_REPORTS_MAX = 8 }; /* failures told by name between two frames; others are counted */
+enum {
+    MNI_REPORTS_MAX = 8,  /* failures told by name between two frames; others are counted */
+    MNI_AHEAD_MAX = 512,  /* blocks that a frame may foresee the use of; further ones are not */
+    MNI_AHEAD_FRAMES = 4, /* what is foreseen is foreseen again within so many frames, or is not */
+};
 
 typedef struct mni_report {
     uint32_t block_id;
@@ -40,6 +44,8 @@ typedef struct mni_pool {
     /* const after open */
     const mn_header *header;
     mni_board *board;
+    mn_prefetch prefetch;
+    uint32_t kept; /* free places that foresight leaves for what is asked for */
 
     mni_lock lock;
     /* guarded by lock */
@@ -61,12 +67,20 @@ typedef struct mni_pool {
     uint32_t touched_count;
     mni_attempt attempt;
     mni_refusal refusal;    /* the last one */
+    uint32_t rehearsed;     /* in a rehearsal: for in so many frames; otherwise 0 */
     bool waits_for_reads;   /* in this frame a switch waited for reads to end */
     uint64_t absent_serial; /* answers "absent" so far */
     uint64_t epoch;
+    mni_batch batch;    /* what the end of a frame posts; urgent commands first */
+    uint32_t batch_max; /* commands that it may have, besides the room behind */
+    mni_command *ahead; /* MNI_AHEAD_MAX: what this frame foresees, each block once */
+    uint32_t ahead_count;
+    mni_hashmap ahead_by_id;
 } mni_pool;
 
 size_t mni_pool_need(const mn_header *header, uint32_t k);
+/* Prefetches that the board should have room for: more than K at once find no place holder. */
+uint32_t mni_pool_prefetches_max(uint32_t k);
 void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board, mni_arena *arena);
 void mni_pool_close(mni_pool *pool);
 
@@ -82,6 +96,13 @@ int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_us
 /* Asks for a root block before the first frame; mni_pool_end_frame posts it. */
 void mni_pool_ask_root(mni_pool *pool, mn_block_ref ref);
 bool mni_pool_has(mni_pool *pool, uint32_t block_id);
+/* The block, whose parent's block is known, will be wanted in so many frames: it is kept, or
+ * fetched when there is a place that nobody needs sooner. Says nothing where prefetches are not by
+ * foresight. */
+void mni_pool_ahead(mni_pool *pool, mn_block_ref ref, uint32_t parent_id, uint32_t frames);
+void mni_pool_note(mni_pool *pool, uint32_t block_id, const mni_note *note);
+/* See mni_store_rehearse. */
+void mni_pool_rehearse(mni_pool *pool, uint32_t frames);
 /* Starts a frame and hands out what failed since the last: at most MNI_REPORTS_MAX. */
 uint32_t mni_pool_begin_frame(mni_pool *pool, mni_report report[MNI_REPORTS_MAX]);
 void mni_pool_end_frame(mni_pool *pool);
@@ -109,6 +130,7 @@ typedef struct mni_load {
     uint32_t parent_id; /* that the block must name; MN_NONE: any */
     unsigned char *bytes;
     uint32_t chunk;
+    uint32_t read_bytes; /* so far, some of it perhaps twice; I/O counts */
 } mni_load;
 /* Decides about a command: finds its block, or takes a place for it. Check and eviction are one
  * critical section. may_wait: reads are in flight, so that WAIT can end. */
@@ -117,7 +139,6 @@ void mni_pool_loaded(mni_pool *pool, const mni_command *command, const mni_load 
 /* io: the disk's fault, otherwise the block's. why: a literal. */
 void mni_pool_failed(mni_pool *pool, const mni_command *command, const mni_load *load, bool io,
                      const char *why);
-void mni_pool_count_read(mni_pool *pool, uint64_t read_bytes);
 
 /* ---- both ----------------------------------------------------------------------------------- */
 
@@ -129,6 +150,8 @@ void mni_pool_pin_locked(mni_pool *pool, uint32_t slot, bool pinned);
 void mni_pool_rescue_locked(mni_pool *pool, uint32_t slot);
 /* To the end of the free list when nothing holds it any more. */
 void mni_pool_release_locked(mni_pool *pool, uint32_t slot);
+/* Its use is foreseen: of the free list it becomes the last. */
+void mni_pool_foresee_locked(mni_pool *pool, uint32_t slot);
 /* Throws a block out of a place holder that is being taken; it is on no list and in no table then.
  */
 void mni_pool_forget_locked(mni_pool *pool, uint32_t slot);

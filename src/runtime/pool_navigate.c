@@ -108,13 +108,18 @@ static mni_answer answer_refused(mni_pool *pool, const mni_wish *wish, int64_t l
 static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, uint32_t own,
                           int64_t lacks) {
     MN_ASSERT(pool->locked);
+    uint32_t parent_id = wish->way == MNI_WAY_OVERFLOW ? MN_NONE : wish->parent.id;
+    if (pool->rehearsed > 0) {
+        if (lacks <= 0)
+            mni_pool_ahead(pool, wish->ref, parent_id, pool->rehearsed);
+        return lacks > 0 ? MNI_REFUSED : MNI_ABSENT;
+    }
     if (lacks > 0) {
         pool->stats.urgent_down_refused++;
         return answer_refused(pool, wish, lacks);
     }
     if (own == MNI_HASHMAP_NONE) {
         bool outside = wish->way == MNI_WAY_OVERFLOW || (wish->way == MNI_WAY_DOWN && wish->adds);
-        uint32_t parent_id = wish->way == MNI_WAY_OVERFLOW ? MN_NONE : wish->parent.id;
         own = mni_grants_add(&pool->grants, wish->ref, parent_id, wish->way, outside);
     }
     if (own != MNI_HASHMAP_NONE) { /* no room: asked again in the next frame */
@@ -139,6 +144,11 @@ static void touch(mni_pool *pool, uint32_t slot) {
     pool->touched[pool->touched_count++] = slot;
 }
 
+static void use_prefetched(mni_pool *pool, mni_holder *holder) {
+    pool->stats.prefetches_used += holder->prefetched;
+    holder->prefetched = false;
+}
+
 static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void **bytes) {
     MN_ASSERT(pool->locked);
     uint32_t own = mni_grants_find(&pool->grants, wish->ref.id);
@@ -155,22 +165,31 @@ static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void 
     if (lacks > 0) {
         if (!loads)
             return answer_refused(pool, wish, lacks);
-        if (own != MNI_HASHMAP_NONE) {
+        if (own != MNI_HASHMAP_NONE && pool->rehearsed == 0) {
             pool->grants.grant[own].asked_frame = pool->frame;
             pool->grants.grant[own].waiting = false;
         }
-        pool->waits_for_reads = true;
+        pool->waits_for_reads |= pool->rehearsed == 0;
         return answer_absent(pool);
     }
+    uint64_t second_chances = pool->stats.second_chances;
     mni_pool_rescue_locked(pool, slot);
     MN_ASSERT(!holder->used);
     holder->used = holder->held = true;
     holder->parent = wish->parent;
     holder->grandparent_id = wish->grandparent_id;
     touch(pool, slot);
+    if (pool->rehearsed > 0) {
+        pool->stats.second_chances = second_chances;
+        holder->ahead_frame = (uint32_t)pool->frame;
+    } else {
+        use_prefetched(pool, holder);
+    }
     if (own != MNI_HASHMAP_NONE) {
-        pool->grants.grant[own].asked_frame = pool->frame;
-        pool->grants.grant[own].waiting = false;
+        if (pool->rehearsed == 0) {
+            pool->grants.grant[own].asked_frame = pool->frame;
+            pool->grants.grant[own].waiting = false;
+        }
         mni_grants_set(&pool->grants, own, true, false);
     }
     *bytes = mni_holders_bytes(&pool->holders, slot);
@@ -202,9 +221,9 @@ void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone) {
     uint32_t own = mni_grants_find(&pool->grants, block_id);
     if (own != MNI_HASHMAP_NONE) {
         mni_grants_set(&pool->grants, own, false, gone);
-        if (pool->attempt.refused)
+        if (pool->rehearsed == 0 && pool->attempt.refused)
             pool->grants.grant[own].asked_frame = 0; /* dropped when the frame ends */
-    } else if (undone && pool->attempt.absent && !pool->attempt.refused) {
+    } else if (pool->rehearsed == 0 && undone && pool->attempt.absent && !pool->attempt.refused) {
         own = mni_grants_add(&pool->grants, holder->ref, holder->parent_id, MNI_WAY_DOWN, gone);
         if (own != MNI_HASHMAP_NONE) {
             pool->grants.grant[own].asked_frame = pool->frame;
@@ -216,6 +235,10 @@ void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone) {
 
 static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const void **bytes) {
     MN_ASSERT(pool->locked);
+    if (pool->rehearsed > 0) { /* nothing would keep it there */
+        mni_pool_ahead(pool, wish->ref, MN_NONE, pool->rehearsed);
+        return MNI_ABSENT;
+    }
     uint32_t own = mni_grants_find(&pool->grants, wish->ref.id);
     uint32_t slot = mni_hashmap_find(&pool->by_id, wish->ref.id);
     int64_t lacks = overflow_lacks(pool, wish, own);
@@ -232,6 +255,7 @@ static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const vo
         return answer_absent(pool);
     mni_pool_rescue_locked(pool, slot);
     mni_pool_pin_locked(pool, slot, true);
+    use_prefetched(pool, holder);
     mni_grant *grant = &pool->grants.grant[own];
     grant->asked_frame = pool->frame;
     grant->waiting = false;
@@ -267,7 +291,15 @@ bool mni_pool_has(mni_pool *pool, uint32_t block_id) {
 
 /* ---- the end of a frame: neighbours ---------------------------------------------------------- */
 
-/* Posts a prefetch for a block in use. false: the board is full, so it is no use to go on. */
+/* Adds to what the frame posts: false: no more room, the board's is less. */
+static bool batch_add(mni_pool *pool, const mni_command *command) {
+    if (pool->batch.count == pool->batch_max)
+        return false;
+    pool->batch.command[pool->batch.count++] = *command;
+    return true;
+}
+
+/* Prefetches a neighbour of a block in use. false: there is no more room. */
 static bool post_prefetch(mni_pool *pool, uint32_t sponsor, mn_block_ref ref, uint32_t parent_id) {
     const mn_header *header = pool->header;
     if (ref.id == 0 || (uint64_t)ref.pages * MN_PAGE_BYTES > header->block_bytes_max ||
@@ -278,7 +310,7 @@ static bool post_prefetch(mni_pool *pool, uint32_t sponsor, mn_block_ref ref, ui
                            .parent_id = parent_id,
                            .sponsor = sponsor,
                            .sponsor_generation = pool->holders.holder[sponsor].generation};
-    return mni_board_post(pool->board, &command);
+    return batch_add(pool, &command);
 }
 
 /* The block has come into use: its parent and its children are counted once more, and those that
@@ -348,12 +380,15 @@ static void settle_touched(mni_pool *pool) {
         holder->touched = false;
         holder->held = holder->used;
         changed |= holder->used != holder->in_use;
+        bool count = pool->prefetch == MN_PREFETCH_NEIGHBOURS;
         if (holder->used && !holder->in_use) {
             holder->in_use = true;
-            raise_neighbours(pool, slot);
+            if (count)
+                raise_neighbours(pool, slot);
         } else if (!holder->used && holder->in_use) {
             holder->in_use = false;
-            lower_neighbours(pool, slot);
+            if (count)
+                lower_neighbours(pool, slot);
         }
         if (!holder->used)
             mni_pool_release_locked(pool, slot);
@@ -371,8 +406,9 @@ static void post_urgent(mni_pool *pool, uint32_t index) {
                            .ref = grant->ref,
                            .parent_id = grant->parent_id,
                            .sponsor = index,
-                           .sponsor_generation = grant->serial};
-    grant->posted = mni_board_post(pool->board, &command); /* full: in the next frame */
+                           .sponsor_generation = grant->serial,
+                           .notes = grant->notes};
+    grant->posted = batch_add(pool, &command);
 }
 
 /* Navigate has used it, or nobody has asked for it again: the grant goes, and its pin. */
@@ -414,13 +450,88 @@ uint32_t mni_pool_begin_frame(mni_pool *pool, mni_report report[MNI_REPORTS_MAX]
     return count;
 }
 
+/* ---- the end of a frame: foresight ----------------------------------------------------------- */
+
+void mni_pool_ahead(mni_pool *pool, mn_block_ref ref, uint32_t parent_id, uint32_t frames) {
+    if (pool->prefetch != MN_PREFETCH_AHEAD)
+        return;
+    uint32_t due = (uint32_t)pool->frame + frames;
+    uint32_t at = mni_hashmap_find(&pool->ahead_by_id, ref.id);
+    if (at != MNI_HASHMAP_NONE) {
+        if (due < pool->ahead[at].due)
+            pool->ahead[at].due = due;
+        return;
+    }
+    if (pool->ahead_count == MNI_AHEAD_MAX)
+        return;
+    mni_hashmap_put(&pool->ahead_by_id, ref.id, pool->ahead_count);
+    pool->ahead[pool->ahead_count++] = (mni_command){.kind = MNI_COMMAND_PREFETCH,
+                                                     .places = MNI_PLACES_SPARE,
+                                                     .ref = ref,
+                                                     .parent_id = parent_id,
+                                                     .sponsor = MN_NONE,
+                                                     .due = due,
+                                                     .frame = (uint32_t)pool->frame};
+}
+
+/* Grants come, go and are noted on by Navigate alone: so it may look for them without the lock. */
+void mni_pool_note(mni_pool *pool, uint32_t block_id, const mni_note *note) {
+    uint32_t at = mni_hashmap_find(&pool->ahead_by_id, block_id);
+    if (at != MNI_HASHMAP_NONE)
+        mni_notes_add(&pool->ahead[at].notes, note);
+    at = mni_grants_find(&pool->grants, block_id);
+    if (at != MNI_HASHMAP_NONE)
+        mni_notes_add(&pool->grants.grant[at].notes, note);
+}
+
+void mni_pool_rehearse(mni_pool *pool, uint32_t frames) {
+    if (pool->prefetch == MN_PREFETCH_AHEAD)
+        pool->rehearsed = frames;
+}
+
+/* What is there is kept longest; what is not is fetched. */
+static void settle_ahead(mni_pool *pool) {
+    MN_ASSERT(pool->locked);
+    for (uint32_t i = 0; i < pool->ahead_count; i++) {
+        const mni_command *command = &pool->ahead[i];
+        uint32_t slot = mni_hashmap_find(&pool->by_id, command->ref.id);
+        if (slot != MNI_HASHMAP_NONE)
+            mni_pool_foresee_locked(pool, slot);
+        else if (mni_failures_due(&pool->failures, command->ref.id, pool->frame))
+            (void)batch_add(pool, command);
+        mni_hashmap_remove(&pool->ahead_by_id, command->ref.id);
+    }
+    pool->ahead_count = 0;
+}
+
+/* ---- the end of a frame ---------------------------------------------------------------------- */
+
+/* The whole frame's commands under one lock. Urgent ones for which the board has no room are posted
+ * with the next frame's. */
+static void post_batch(mni_pool *pool) {
+    mni_batch *batch = &pool->batch;
+    batch->cancel_before = 0;
+    if (pool->frame > MNI_AHEAD_FRAMES)
+        batch->cancel_before = (uint32_t)(pool->frame - MNI_AHEAD_FRAMES);
+    uint32_t rejected = mni_board_post(pool->board, batch);
+    batch->count = 0;
+    if (rejected == 0)
+        return;
+    mni_pool_lock(pool);
+    for (uint32_t i = 0; i < rejected; i++)
+        pool->grants.grant[batch->command[i].sponsor].posted = false;
+    mni_pool_unlock(pool);
+}
+
 void mni_pool_end_frame(mni_pool *pool) {
     pool->attempt.over = true;
     mni_pool_lock(pool);
-    settle_grants(pool); /* first: urgent commands stand before this frame's prefetches anyway, and
-                            what is unpinned may be freed once */
+    settle_grants(pool); /* first: urgent commands stand before prefetches in a batch, and what is
+                            unpinned may be freed once */
     settle_touched(pool);
+    settle_ahead(pool);
     mni_pool_unlock(pool);
+    post_batch(pool);
 }
 
 /* ---- figures --------------------------------------------------------------------------------- */

@@ -69,6 +69,9 @@ static mn_code store_open(mn_session *s, mn_status *st) {
                             .sim = d->sim,
                             .check = mni_front_block_check,
                             .check_context = &s->limits,
+                            .prefetch = d->prefetch,
+                            .rate = mni_rate_block,
+                            .look_bytes = sizeof(mni_look),
                             .trace = d->trace,
                             .trace_context = d->trace_context,
                             .warn = d->warn,
@@ -100,6 +103,7 @@ static mn_code parts_open(mn_session *s, mn_status *st) {
         return code;
     s->nav.ops_max = s->desc.nav_ops;
     s->nav.degrades = !s->desc.degrade_off;
+    s->nav.looks_ahead = s->desc.store == MN_STORE_PAGED && s->desc.prefetch == MN_PREFETCH_AHEAD;
     s->nav.width_px = s->desc.width_px;
     s->nav.height_px = s->desc.height_px;
     s->nav.weights = s->desc.weights;
@@ -227,6 +231,7 @@ static void stats_finish(mn_session *s, const mn_session_stats *before, mn_frame
     stats->prefetches = after.prefetches - before->prefetches;
     stats->front_hash = front_hash(s);
     mni_store_levels(s->store, &stats->blocks_in_use, &stats->blocks_resident);
+    stats->blocks_with_ancestors = mni_store_with_ancestors(s->store);
 }
 
 static void count_frame(mn_session *s, const mn_frame_stats *frame) {

@@ -219,6 +219,36 @@ mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref re
     return store->kind->overflow(store->blocks, &wish, bytes);
 }
 
+/* ---- foresight ------------------------------------------------------------------------------ */
+
+void mni_store_look(mni_store *store, const void *look) {
+    if (store->kind->look != NULL)
+        store->kind->look(store->blocks, look);
+}
+
+void mni_store_ahead_down(mni_store *store, mni_entry parent, mn_block_ref ref, uint32_t frames) {
+    MN_ASSERT(parent < store->table.max && store->table.entry[parent].usage > 0);
+    if (store->kind->ahead != NULL && ref_is_sound(store->header, ref))
+        store->kind->ahead(store->blocks, ref, store->table.entry[parent].ref.id, frames);
+}
+
+void mni_store_ahead_up(mni_store *store, mni_entry entry, uint32_t frames) {
+    MN_ASSERT(entry < store->table.max && store->table.entry[entry].ref.id != 0);
+    if (store->kind->ahead != NULL)
+        store->kind->ahead(store->blocks, store->table.entry[entry].ref,
+                           mni_ancestors_parent_id(&store->table, entry), frames);
+}
+
+void mni_store_note(mni_store *store, mn_block_ref ref, const mni_note *note) {
+    if (store->kind->note != NULL)
+        store->kind->note(store->blocks, ref.id, note);
+}
+
+void mni_store_rehearse(mni_store *store, uint32_t frames) {
+    if (store->kind->rehearse != NULL)
+        store->kind->rehearse(store->blocks, frames);
+}
+
 /* ---- frames --------------------------------------------------------------------------------- */
 
 void mni_store_frame_begin(mni_store *store) {
@@ -248,6 +278,10 @@ void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident) {
 
 double mni_store_fill(const mni_store *store) {
     return store->places > 0 ? (double)store->table.count / store->places : 0;
+}
+
+uint32_t mni_store_with_ancestors(const mni_store *store) {
+    return store->table.count;
 }
 
 bool mni_store_shrink(mni_store *store) {

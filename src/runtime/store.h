@@ -23,6 +23,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "board.h"
 #include "mem.h"
 #include "metanode/runtime.h"
 
@@ -49,6 +50,13 @@ typedef struct mni_refusal {
  */
 typedef bool (*mni_store_check)(const void *context, const void *bytes, uint32_t length_bytes);
 
+/* How much the camera wants each block that a block refers to, called by the thread that reads
+ * (I/O); pure. look: as mni_store_look posted it last. notes: on the block, as mni_store_note or
+ * this function took them. urgency, below: one a reference, and all of them are set; above 1:
+ * wanted now; below 1: its share of what would make it wanted; notes on that block in turn. */
+typedef void (*mni_store_rate)(const void *context, const void *look, const void *bytes,
+                               const mni_notes *notes, float *urgency, mni_notes *below);
+
 typedef struct mni_store_desc {
     const char *path;
     const mn_header *header;
@@ -60,6 +68,10 @@ typedef struct mni_store_desc {
     mn_sim_desc sim;
     mni_store_check check;
     const void *check_context;
+    mn_prefetch prefetch;
+    mni_store_rate rate; /* NULL: what lies below a block that has come is not rated */
+    const void *rate_context;
+    uint32_t look_bytes;
     mn_trace_hook trace;
     void *trace_context;
     void (*warn)(void *context, const char *text);
@@ -70,6 +82,8 @@ typedef struct mni_store_desc {
 uint32_t mni_store_k_min(const mn_header *header);
 /* What open takes from the arena for that many place holders; for the plan. */
 size_t mni_store_need_bytes(const mn_header *header, mn_store_kind kind, uint32_t k);
+/* Of look_bytes, which it counts: what the longest look may have. */
+enum { MNI_LOOK_BYTES_MAX = 1024 };
 /* Entries that the table will have: for arrays beside it. */
 uint32_t mni_store_entries_max(const mn_header *header, mn_store_kind kind, uint32_t k);
 
@@ -115,6 +129,21 @@ uint32_t mni_store_usage(const mni_store *store, mni_entry entry);
 mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref ref,
                               const void **bytes);
 
+/* What the camera sees from now on, for mni_store_desc.rate: look_bytes, copied. */
+void mni_store_look(mni_store *store, const void *look);
+/* A block will be wanted in so many frames: a child of a block in use, or the block of an ancestor.
+ * With MN_PREFETCH_AHEAD it is kept, or fetched. In a frame, before its end. */
+void mni_store_ahead_down(mni_store *store, mni_entry parent, mn_block_ref ref, uint32_t frames);
+void mni_store_ahead_up(mni_store *store, mni_entry entry, uint32_t frames);
+
+/* What whoever rates the block must know of it, when it has been answered "absent", or told to be
+ * wanted, in this frame. */
+void mni_store_note(mni_store *store, mn_block_ref ref, const mni_note *note);
+/* Rehearsals: until they end, what is asked for will be wanted in so many frames: a block that is
+ * there may be used, and must be given back; one that is not is fetched as by mni_store_ahead_down.
+ * frames 0: they end. */
+void mni_store_rehearse(mni_store *store, uint32_t frames);
+
 /* Between frames. begin: completions that have arrived are taken in. end: commands are posted, and
  * grants that Navigate did not ask for again in this frame are dropped (their pins go). The
  * simulated disk's clock advances by frame_s. */
@@ -128,11 +157,12 @@ uint32_t mni_store_pending(mni_store *store);
 /* Rises when a frame ends with other blocks in use than the one before: what was refused may now be
  * granted. */
 uint64_t mni_store_epoch(const mni_store *store);
-/* Blocks in use and blocks in real memory. */
+/* Blocks in use and blocks in real memory; blocks in use with all their ancestors. */
 void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident);
 /* Blocks in use and their ancestors over place holders: near 1 switches down are refused. 0: there
  * is room for all blocks. */
 double mni_store_fill(const mni_store *store);
+uint32_t mni_store_with_ancestors(const mni_store *store);
 
 /* paged, between frames: takes one chunk of place holders out of service and gives its memory back,
  * or into service again. shrink: false when each chunk holds something in use, or what would be

@@ -39,6 +39,11 @@ typedef struct mni_store_kind {
      * are no rules. */
     mni_refusal (*refusal)(const void *self);
     int64_t (*room)(const void *self, uint32_t table_count, uint32_t in_use);
+    /* NULL: nothing is fetched that is not asked for. */
+    void (*look)(void *self, const void *look);
+    void (*ahead)(void *self, mn_block_ref ref, uint32_t parent_id, uint32_t frames);
+    void (*note)(void *self, uint32_t block_id, const mni_note *note);
+    void (*rehearse)(void *self, uint32_t frames);
     void (*frame_begin)(void *self);
     void (*frame_end)(void *self, double frame_s);
     void (*drain)(void *self);

@@ -16,8 +16,6 @@
 
 enum {
     ANCESTORS_TIMES = 4,         /* entries = 4 × (K + depth of the block tree): design.md §3.5 */
-    PREFETCHES_MIN = 256,        /* places on the board for prefetches: more than K at once … */
-    PREFETCHES_MAX = 4096,       /* … find no place holder */
     ROOT_FRAMES_MAX = 256,       /* frames in which a root block that fails is tried: 8 times */
     WARNINGS_MAX = 8,            /* lines on bad blocks; after that they are only counted */
     NS_PER_FRAME_FREE = 1000000, /* virtual time of a frame when frames take none */
@@ -37,13 +35,10 @@ typedef struct paged {
     mni_ioloop loop;
 } paged;
 
-static uint32_t prefetches_max(uint32_t k) {
-    return k < PREFETCHES_MIN ? PREFETCHES_MIN : k > PREFETCHES_MAX ? PREFETCHES_MAX : k;
-}
-
 static size_t need_bytes(const mn_header *header, uint32_t k) {
     return mni_arena_need(1, sizeof(paged), _Alignof(paged)) + mni_pool_need(header, k) +
-           mni_board_need(k, prefetches_max(k)) + mni_disk_need();
+           mni_board_need(k, mni_pool_prefetches_max(k), MNI_LOOK_BYTES_MAX) +
+           mni_ioloop_need(header->block_bytes_max, MNI_LOOK_BYTES_MAX) + mni_disk_need();
 }
 
 static uint32_t entries_max(const mn_header *header, uint32_t k) {
@@ -97,9 +92,7 @@ static void frame_begin(void *self) {
 
 static void frame_end(void *self, double frame_s) {
     paged *p = self;
-    mni_board_hold(&p->board, p->desc.io_serial);
     mni_pool_end_frame(&p->pool);
-    mni_board_hold(&p->board, false);
     p->frames++;
     if (p->disk.method->own_time) {
         if (p->desc.sim.fault_frames > 0)
@@ -157,7 +150,8 @@ static mn_code open_paged(const mni_store_desc *desc, mni_arena *arena, void **o
                        desc->path, desc->k, k_min);
     paged *p = mni_arena_take(arena, 1, sizeof *p, _Alignof(paged));
     p->desc = *desc;
-    mni_board_open(&p->board, desc->k, prefetches_max(desc->k), arena);
+    MN_ASSERT(desc->look_bytes <= MNI_LOOK_BYTES_MAX);
+    mni_board_open(&p->board, desc->k, mni_pool_prefetches_max(desc->k), desc->look_bytes, arena);
     mni_pool_open(&p->pool, desc, &p->board, arena);
     const mni_holders *holders = &p->pool.holders;
     mni_disk_desc disk = {
@@ -181,6 +175,11 @@ static mn_code open_paged(const mni_store_desc *desc, mni_arena *arena, void **o
                                .check = desc->check,
                                .check_context = desc->check_context,
                                .serial = desc->io_serial};
+        if (desc->prefetch == MN_PREFETCH_AHEAD) {
+            p->loop.rate = desc->rate;
+            p->loop.rate_context = desc->rate_context;
+        }
+        mni_ioloop_open(&p->loop, desc->look_bytes, arena);
         if (!p->disk.method->own_time)
             code = mni_ioloop_start(&p->loop, st);
         if (code == MN_OK)
@@ -221,6 +220,24 @@ static mni_refusal refusal(const void *self) {
 
 static int64_t room(const void *self, uint32_t table_count, uint32_t in_use) {
     return mni_pool_room(&((const paged *)self)->pool, table_count, in_use);
+}
+
+/* ---- foresight ------------------------------------------------------------------------------- */
+
+static void look(void *self, const void *look) {
+    mni_board_look(&((paged *)self)->board, look);
+}
+
+static void ahead(void *self, mn_block_ref ref, uint32_t parent_id, uint32_t frames) {
+    mni_pool_ahead(&((paged *)self)->pool, ref, parent_id, frames);
+}
+
+static void note(void *self, uint32_t block_id, const mni_note *note) {
+    mni_pool_note(&((paged *)self)->pool, block_id, note);
+}
+
+static void rehearse(void *self, uint32_t frames) {
+    mni_pool_rehearse(&((paged *)self)->pool, frames);
 }
 
 /* ---- figures --------------------------------------------------------------------------------- */
@@ -280,6 +297,8 @@ static void stats(void *self, mn_session_stats *out) {
     out->reads = pool.reads;
     out->read_bytes = pool.read_bytes;
     out->second_chances = pool.second_chances;
+    out->prefetches_loaded = pool.prefetches_loaded;
+    out->prefetches_used = pool.prefetches_used;
     out->evictions = pool.evictions;
     out->urgent_down_refused = pool.urgent_down_refused;
     out->checksum_failures = pool.checksum_failures;
@@ -311,6 +330,10 @@ const mni_store_kind mni_store_paged = {
     .attempt_over = attempt_over,
     .refusal = refusal,
     .room = room,
+    .look = look,
+    .ahead = ahead,
+    .note = note,
+    .rehearse = rehearse,
     .frame_begin = frame_begin,
     .frame_end = frame_end,
     .drain = drain,

@@ -123,12 +123,15 @@ static void machine_open(machine *m, bend how, uint32_t nth) {
                       .pages_max = 4,
                       .blocking = MN_BLOCKING_LEVELS};
     made_file_make(&m->file, &made);
-    mni_store_desc desc = {.header = &m->file.header, .k = m->file.blocks};
-    ck_assert_int_eq(
-        mni_arena_open(&m->arena,
-                       mni_pool_need(&m->file.header, desc.k) + mni_board_need(desc.k, 64), NULL),
-        MN_OK);
-    mni_board_open(&m->board, desc.k, 64, &m->arena);
+    mni_store_desc desc = {
+        .header = &m->file.header, .k = m->file.blocks, .prefetch = MN_PREFETCH_NEIGHBOURS};
+    ck_assert_int_eq(mni_arena_open(&m->arena,
+                                    mni_pool_need(&m->file.header, desc.k) +
+                                        mni_board_need(desc.k, 64, 0) +
+                                        mni_ioloop_need(m->file.header.block_bytes_max, 0),
+                                    NULL),
+                     MN_OK);
+    mni_board_open(&m->board, desc.k, 64, 0, &m->arena);
     mni_pool_open(&m->pool, &desc, &m->board, &m->arena);
     m->script = (scripted){.fd = open(m->file.path, O_RDONLY), .how = how, .nth = nth};
     m->disk = (mni_disk){.fd = -1, .method = &METHOD, .self = &m->script};
@@ -137,6 +140,7 @@ static void machine_open(machine *m, bend how, uint32_t nth) {
                            .disk = &m->disk,
                            .header = &m->file.header,
                            .check = made_check};
+    mni_ioloop_open(&m->loop, 0, &m->arena);
 }
 
 static void machine_close(machine *m) {

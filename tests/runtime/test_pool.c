@@ -45,6 +45,7 @@ static void open_made(const made_desc *made, uint32_t k) {
                            .k = k > 0 ? k : mni_store_k_min(&file.header),
                            .io = MN_IO_SIM,
                            .io_serial = true,
+                           .prefetch = MN_PREFETCH_NEIGHBOURS,
                            .check = made_check,
                            .trace = trace};
     ck_assert_int_eq(

@@ -133,8 +133,11 @@ START_TEST(serial_runs_repeat_on_a_full_board) {
     for (int run = 0; run < 200; run++) {
         walker w;
         mn_session_stats stats = {0};
-        mni_store_desc desc = {
-            .kind = MN_STORE_PAGED, .io = MN_IO_PREAD, .io_serial = true, .k = 8};
+        mni_store_desc desc = {.kind = MN_STORE_PAGED,
+                               .io = MN_IO_PREAD,
+                               .prefetch = MN_PREFETCH_NEIGHBOURS,
+                               .io_serial = true,
+                               .k = 8};
         ck_assert(walker_open(&w, &file, desc));
         w.check_each_frame = false;
         walker_frame(&w, 0, 0);

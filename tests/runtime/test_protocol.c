@@ -21,12 +21,17 @@ static mn_block_ref ref_of(uint32_t block) {
     return file.block[block].ref;
 }
 
+static void end(mni_command_kind kind, mni_end how) {
+    mni_board_news news = {.own = 0};
+    news.ended[kind][how] = 1;
+    mni_board_tell(&board, &news);
+}
+
 static void step(const mni_command *command, mni_begin expected, mni_load *load) {
     mni_begin begin = mni_pool_begin(&pool, command, false, load);
     ck_assert_int_eq(begin, expected);
     if (begin != MNI_BEGIN_READ)
-        mni_board_end(&board, command->kind,
-                      begin == MNI_BEGIN_RESIDENT ? MNI_END_RESIDENT : MNI_END_GIVEN_UP);
+        end(command->kind, begin == MNI_BEGIN_RESIDENT ? MNI_END_RESIDENT : MNI_END_GIVEN_UP);
 }
 
 static void finish(const mni_command *command, const mni_load *load) {
@@ -36,12 +41,12 @@ static void finish(const mni_command *command, const mni_load *load) {
                      length);
     close(fd);
     mni_pool_loaded(&pool, command, load);
-    mni_board_end(&board, command->kind, MNI_END_LOADED);
+    end(command->kind, MNI_END_LOADED);
 }
 
 static mni_command fetch(uint32_t block) {
     mni_command command;
-    ck_assert(mni_board_fetch(&board, &command));
+    ck_assert(mni_board_fetch(&board, &command, 1) == 1);
     ck_assert_uint_eq(command.ref.id, ref_of(block).id);
     return command;
 }
@@ -77,10 +82,10 @@ static void open_pool_of(uint32_t k) {
                       .blocking = MN_BLOCKING_LEVELS,
                       .regular = true};
     made_file_make(&file, &made);
-    mni_store_desc desc = {.header = &file.header, .k = k};
-    size_t need = mni_pool_need(&file.header, k) + mni_board_need(k, 64);
+    mni_store_desc desc = {.header = &file.header, .k = k, .prefetch = MN_PREFETCH_NEIGHBOURS};
+    size_t need = mni_pool_need(&file.header, k) + mni_board_need(k, 64, 0);
     ck_assert_int_eq(mni_arena_open(&arena, need, NULL), MN_OK);
-    mni_board_open(&board, k, 64, &arena);
+    mni_board_open(&board, k, 64, 0, &arena);
     mni_pool_open(&pool, &desc, &board, &arena);
     in_use = 0;
     mni_load load;
@@ -101,8 +106,8 @@ static void open_pool(void) {
 
 static void close_pool(void) {
     mni_command command;
-    while (mni_board_fetch(&board, &command))
-        mni_board_end(&board, command.kind, MNI_END_GIVEN_UP);
+    while (mni_board_fetch(&board, &command, 1) == 1)
+        end(command.kind, MNI_END_GIVEN_UP);
     ck_assert_uint_eq(mni_board_open_commands(&board), 0);
     mni_pool_close(&pool);
     mni_board_close(&board);
@@ -155,13 +160,13 @@ START_TEST(a_completion_of_the_past_is_a_bug) {
     mni_command prefetch = fetch(1);
     step(&prefetch, MNI_BEGIN_READ, &first);
     mni_pool_failed(&pool, &prefetch, &first, true, "for the test");
-    mni_board_end(&board, prefetch.kind, MNI_END_FAILED);
+    end(prefetch.kind, MNI_END_FAILED);
     for (int frame = 0; frame < 2; frame++)
         next_frame();
     ck_assert_int_eq(enter(1), MNI_ABSENT);
     next_frame();
     mni_command urgent;
-    ck_assert(mni_board_fetch(&board, &urgent));
+    ck_assert(mni_board_fetch(&board, &urgent, 1) == 1);
     step(&urgent, MNI_BEGIN_READ, &second);
     ck_assert_uint_eq(first.slot, second.slot);
     ck_assert_uint_gt(second.generation, first.generation);
@@ -200,7 +205,7 @@ START_TEST(a_block_that_comes_is_forgiven) {
     mni_command command = fetch(1);
     step(&command, MNI_BEGIN_READ, &load);
     mni_pool_failed(&pool, &command, &load, true, "for the test");
-    mni_board_end(&board, command.kind, MNI_END_FAILED);
+    end(command.kind, MNI_END_FAILED);
     ck_assert(!mni_failures_due(&pool.failures, ref_of(1).id, pool.frame));
     for (int frame = 0; frame < 2; frame++)
         next_frame();
@@ -241,7 +246,7 @@ START_TEST(reads_count_as_taken) {
     ck_assert_int_eq(enter(1), MNI_GRANTED);
     next_frame(); /* its children are asked for, and take the last two places */
     for (int i = 0; i < 2; i++) {
-        ck_assert(mni_board_fetch(&board, &command[i]));
+        ck_assert(mni_board_fetch(&board, &command[i], 1) == 1);
         step(&command[i], MNI_BEGIN_READ, &load[i]);
     }
     ck_assert_int_eq(enter(2), MNI_ABSENT);

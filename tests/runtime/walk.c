@@ -192,6 +192,25 @@ bool made_check(const void *context, const void *bytes, uint32_t length_bytes) {
     return last == mix(id, length_bytes - 8);
 }
 
+void made_rate(const void *context, const void *look, const void *bytes, const mni_notes *notes,
+               float *urgency, mni_notes *below) {
+    uint64_t camera;
+    mni_frame frame;
+    (void)context;
+    memcpy(&camera, look, sizeof camera);
+    mni_frame_get(bytes, &frame);
+    uint32_t id;
+    memcpy(&id, (const unsigned char *)bytes + 24, sizeof id);
+    for (uint32_t i = 0; i < notes->count; i++)
+        MN_ASSERT(notes->note[i].word[0] == id); /* they are of this block */
+    for (uint32_t i = 0; i < frame.refs; i++) {
+        mni_note note = {.word = {mni_frame_ref(bytes, i).id}};
+        urgency[i] = (float)(mix(camera, note.word[0]) % 100) / 60;
+        below[i].count = 0;
+        mni_notes_add(&below[i], &note);
+    }
+}
+
 /* ---- the walker: opening --------------------------------------------------------------------- */
 
 bool walker_open(walker *w, made_file *file, mni_store_desc desc) {
@@ -201,6 +220,9 @@ bool walker_open(walker *w, made_file *file, mni_store_desc desc) {
     desc.path = file->path;
     desc.header = &file->header;
     desc.check = made_check;
+    desc.rate = made_rate;
+    desc.look_bytes = sizeof w->camera;
+    w->foresees = desc.prefetch == MN_PREFETCH_AHEAD;
     size_t need = mni_store_need_bytes(&file->header, desc.kind, desc.k);
     MN_ASSERT(mni_arena_open(&w->arena, need, &w->status) == MN_OK);
     if (mni_store_open(&desc, &w->arena, &w->store, &w->status) != MN_OK) {
@@ -278,6 +300,10 @@ static mni_answer take_down(walker *w, uint32_t s) {
     mni_entry entry;
     mni_answer answer =
         mni_store_down(w->store, w->entry[above], w->file->block[subtree->block].ref, &entry);
+    if (answer == MNI_ABSENT) {
+        mn_block_ref ref = w->file->block[subtree->block].ref;
+        mni_store_note(w->store, ref, &(mni_note){.word = {ref.id}});
+    }
     if (answer == MNI_GRANTED) {
         w->entry[subtree->block] = entry;
         w->owner[entry] = subtree->block;
@@ -385,7 +411,7 @@ static void take_up(walker *w, uint32_t s) {
 /* ---- the walker: frames ---------------------------------------------------------------------- */
 
 static void look(walker *w, uint64_t camera) {
-    bool moved = camera != w->camera;
+    bool moved = w->moved = camera != w->camera;
     w->camera = camera;
     for (uint32_t s = 0; s < w->file->subtrees; s++) {
         const made_subtree *subtree = &w->file->subtree[s];
@@ -440,12 +466,53 @@ static void split_pass(walker *w) {
     }
 }
 
+/* A chain of one or two is taken and given back. */
+static void rehearse(walker *w, uint32_t s, uint32_t frames) {
+    const made_subtree *subtree = &w->file->subtree[s];
+    mni_store_rehearse(w->store, frames);
+    if (take_down(w, s) == MNI_GRANTED) {
+        if (subtree->overflow > 0)
+            (void)take_overflow(w, s);
+        if (subtree->children > 0 && take_down(w, subtree->first_child) == MNI_GRANTED)
+            mni_store_sub(w->store, w->entry[w->file->subtree[subtree->first_child].block]);
+        mni_store_sub(w->store, w->entry[subtree->block]);
+    }
+    mni_store_attempt_over(w->store);
+    mni_store_rehearse(w->store, 0);
+}
+
+/* Where the next camera may go, right or wrong: below what is open, and back up. */
+static void foresee(walker *w) {
+    for (uint32_t s = 0; s < w->file->subtrees; s++) {
+        const made_subtree *subtree = &w->file->subtree[s];
+        uint64_t dice = mix(w->camera + 2, s);
+        if (subtree->parent == MN_NONE || dice % 3 == 0)
+            continue;
+        uint32_t above = w->file->subtree[subtree->parent].block, frames = 1 + dice % 12;
+        if (w->state[s] != 0)
+            mni_store_ahead_up(w->store, w->entry[above], frames);
+        else if (w->state[subtree->parent] != 2)
+            continue;
+        else if (dice >> 8 & 1)
+            mni_store_ahead_down(w->store, w->entry[above], w->file->block[subtree->block].ref,
+                                 frames);
+        else
+            rehearse(w, s, frames);
+        if (w->check_each_step)
+            walker_check(w);
+    }
+}
+
 void walker_frame(walker *w, uint64_t camera, double frame_s) {
+    if (w->foresees)
+        mni_store_look(w->store, &camera);
     w->misses = w->changes = w->refused = 0;
     mni_store_frame_begin(w->store);
     look(w, camera);
     collapse_pass(w);
     split_pass(w);
+    if (w->foresees && w->moved)
+        foresee(w);
     mni_store_frame_end(w->store, frame_s);
     if (w->check_each_frame)
         walker_check(w);

@@ -52,6 +52,9 @@ void made_file_damage(const made_file *file, uint32_t block); /* turns one bit o
 void made_file_free(made_file *file);                         /* and removes it */
 /* Content check of such a file's blocks, for mni_store_desc.check. */
 bool made_check(const void *context, const void *bytes, uint32_t length_bytes);
+/* What a camera (the look: its number) wants of a block's references, for mni_store_desc.rate. */
+void made_rate(const void *context, const void *look, const void *bytes, const mni_notes *notes,
+               float *urgency, mni_notes *below);
 
 typedef struct walker {
     made_file *file;
@@ -64,12 +67,14 @@ typedef struct walker {
     uint32_t *owner;    /* an entry: its block */
     uint32_t *recount;  /* a block: nodes in it */
     uint64_t camera;
+    bool moved;                        /* in the last frame */
     uint32_t misses, changes, refused; /* of the last frame */
     bool check_each_step, check_each_frame;
+    bool foresees;    /* looks, foresight and rehearsals: MN_PREFETCH_AHEAD */
     mn_status status; /* of the opening */
 } walker;
 
-/* desc: kind, k, io …; path, header and check are filled in. false: walker.status says why. */
+/* desc: kind, k, io …; path, header, check, rate are filled in. false: walker.status says why. */
 bool walker_open(walker *w, made_file *file, mni_store_desc desc);
 void walker_frame(walker *w, uint64_t camera, double frame_s); /* camera 0: to the roots */
 /* Frames with a standing camera until quiet; the number, or frames_max. */

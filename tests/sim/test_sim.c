@@ -1,8 +1,9 @@
 /* Goal: whatever the disk does, no invariant of the pool breaks, nothing is lost, the way back to
  * the roots is open, and once the faults stop the front is what it would have been without.
  * Method: seeds (env MN_SEED: from that one, MN_SEEDS: so many); each makes a file, a number of
- * place holders, rules, faults and a path, runs it on the simulated disk with full recounts after
- * every frame (for some: every switch), then settles.
+ * place holders, rules, a way to prefetch, faults and a path (new cameras: jumps, back, stops),
+ * runs it on the simulated disk with full recounts after every frame (for some: every switch), then
+ * settles.
  */
 #include <check.h>
 #include <stdio.h>
@@ -58,12 +59,14 @@ static void assert_sums_agree(walker *w) {
                                       s.commands_failed);
     ck_assert_uint_eq(s.reads, s.commands_loaded + s.commands_failed);
     ck_assert_uint_eq(s.commands, s.prefetches + s.urgent_up + s.urgent_down);
+    ck_assert_uint_le(s.prefetches_used, s.prefetches_loaded);
+    ck_assert_uint_le(s.prefetches_loaded, s.commands_loaded);
 }
 
 /* A path of FRAMES frames with faults, then the last camera until it settles. */
 static void run_path(walker *w, uint64_t seed) {
     for (uint64_t frame = 0; frame < FRAMES; frame++)
-        walker_frame(w, 1 + mix(seed, 50 + frame / 3) % 1000, 0.004);
+        walker_frame(w, 1 + mix(seed, 50 + frame / 3 % (1 + seed % 4)) % 1000, 0.004);
     /* Blocks that failed are tried again within 64 frames; then it is quiet for good. */
     uint64_t camera = 1 + mix(seed, 99) % 1000;
     for (int frame = 0; frame < 70; frame++)
@@ -92,6 +95,7 @@ static void run_seed(uint64_t seed) {
                            .io = MN_IO_SIM,
                            .k = k_of(&file, seed),
                            .io_serial = mix(seed, 42) % 4 == 0,
+                           .prefetch = (mn_prefetch)(mix(seed, 43) % 3),
                            .seed = seed,
                            .sim = faults_of(seed)};
     walker w, calm;

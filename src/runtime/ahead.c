@@ -1,0 +1,179 @@
+/* Where the camera is going, and which blocks it will want there. See ahead.h.
+ *
+ * Hides: the extrapolation, what counts as a jump, and when a node will be wanted: between now and
+ * the horizon its error on the screen is taken to rise by equal factors in equal times, as it does
+ * for a camera that dives.
+ *
+ * Navigate only; no memory besides the struct. Paper: §5 (future work). */
+#include "ahead.h"
+
+#include <math.h>
+
+/* A step so many times as long as the one before, and this share of the model, is a jump: the
+ * camera is somewhere else, and nothing is known of where it goes. */
+#define JUMP_TIMES 8.0f
+#define JUMP_SHARE 0.05f
+
+static float length_of(const float v[3]) {
+    return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+bool mni_ahead_extrapolate(mni_ahead *a, const mn_camera *camera, float frames, mn_camera *out) {
+    const float *from[3] = {a->last.eye, a->last.target, a->last.up};
+    const float *to[3] = {camera->eye, camera->target, camera->up};
+    *out = *camera;
+    float *there[3] = {out->eye, out->target, out->up}, moved = 0;
+    for (int what = 0; what < 3; what++)
+        for (int i = 0; i < 3; i++) {
+            const float step = to[what][i] - from[what][i];
+            moved = fmaxf(moved, fabsf(step));
+            there[what][i] = to[what][i] + frames * step;
+        }
+    return moved > 0;
+}
+
+void mni_ahead_begin(mni_ahead *a, const mn_camera *camera, const mni_lens *now, uint32_t width_px,
+                     uint32_t height_px, double size, const mn_weights *weights,
+                     float coordinate_max) {
+    mn_camera there;
+    float step[3];
+    for (int i = 0; i < 3; i++)
+        step[i] = camera->eye[i] - a->last.eye[i];
+    const bool jumped = length_of(step) > JUMP_SHARE * (float)size &&
+                        length_of(step) > JUMP_TIMES * length_of(a->step);
+    a->look.now = a->look.ahead = *now;
+    a->look.moves =
+        a->has_last && !jumped && mni_ahead_extrapolate(a, camera, MNI_AHEAD_HORIZON, &there);
+    if (a->look.moves) {
+        mni_lens_make(&a->look.ahead, &there, width_px, height_px, size, now->tolerance_px,
+                      weights);
+        mni_sieve_make(&a->sieve, &a->look.ahead, coordinate_max);
+    }
+    for (int i = 0; i < 3; i++)
+        a->step[i] = jumped ? 0 : step[i];
+    a->last = *camera;
+    a->has_last = true;
+}
+
+/* Frames until an error that is now_px, and there_px at the horizon, crosses the tolerance. */
+static uint32_t frames_until(double now_px, double there_px, double tolerance_px) {
+    if (!(now_px > 0) || !(there_px > 0) || now_px == there_px)
+        return MNI_AHEAD_HORIZON;
+    const double share = log(tolerance_px / now_px) / log(there_px / now_px);
+    return (uint32_t)(MNI_AHEAD_HORIZON * fmin(fmax(share, 0), 1));
+}
+
+static void exit_foresee(mni_front *front, uint32_t slot, uint32_t frames) {
+    mn_block_ref ref;
+    mni_note note;
+    const mni_entry entry = mni_front_exit(front, slot, &ref, &note);
+    mni_store_ahead_down(front->store, entry, ref, frames);
+    mni_store_note(front->store, ref, &note);
+}
+
+void mni_ahead_know(mni_ahead *a, mni_front_ref node) {
+    a->known[node.slot % MNI_AHEAD_KNOWN] = node.order;
+}
+
+/* A node that is not wanted now and will be. */
+static void foresee_split(mni_ahead *a, mni_front *front, uint32_t slot) {
+    if (!mni_front_is_active(front, slot) || mni_front_is_leaf(front, slot))
+        return;
+    const mni_bounds bounds = mni_front_bounds(front, slot);
+    const double tolerance_px = a->look.now.tolerance_px;
+    const double there_px = mni_lens_priority(&a->look.ahead, &bounds);
+    if (!(there_px > tolerance_px))
+        return;
+    const double now_px = mni_lens_priority(&a->look.now, &bounds);
+    if (now_px > tolerance_px)
+        return; /* asked for as it is */
+    const uint32_t frames = frames_until(now_px, there_px, tolerance_px);
+    const mni_front_ref node = mni_front_ref_of(front, slot);
+    if (a->splits < MNI_AHEAD_SPLITS && a->known[slot % MNI_AHEAD_KNOWN] != node.order)
+        a->split[a->splits++] = (mni_ahead_split){node, frames};
+    if ((front->node[slot].flags & MNI_NODE_EXIT) == 0)
+        return;
+    exit_foresee(front, slot, frames);
+}
+
+void mni_ahead_newborn(const mni_ahead *a, mni_front *front, uint32_t slot) {
+    if ((front->node[slot].flags & MNI_NODE_EXIT) == 0)
+        return;
+    const mni_bounds bounds = mni_front_bounds(front, slot);
+    if (mni_lens_priority(&a->look.ahead, &bounds) <= a->look.now.tolerance_px)
+        return;
+    exit_foresee(front, slot, MNI_AHEAD_HORIZON);
+}
+
+static void judge(mni_ahead *a, mni_front *front, const uint32_t *slot, int count) {
+    uint8_t verdict[MNI_SIEVE_BATCH];
+    mni_sieve_judge(&a->sieve, &a->batch, verdict);
+    for (int i = 0; i < count; i++)
+        if (verdict[i] != MNI_UNWANTED)
+            foresee_split(a, front, slot[i]);
+}
+
+/* As Navigate's pass of splits goes through all slots (navigate.c), through those of one turn. */
+static void scan_slots(mni_ahead *a, mni_front *f, uint32_t from, uint32_t to) {
+    uint8_t far[MNI_SIEVE_BATCH];
+    uint32_t slot[MNI_SIEVE_BATCH];
+    int count = 0;
+    for (uint32_t first = from; first < to; first += MNI_SIEVE_BATCH) {
+        mni_sieve_far(&a->sieve, &f->position[3 * (size_t)first], &f->radius[first],
+                      &f->switch_value[first], far);
+        for (uint32_t i = 0, at = first; i < MNI_SIEVE_BATCH && at < to; i++, at++) {
+            if (far[i])
+                continue;
+            mni_sieve_put(&a->batch, count, &f->position[3 * (size_t)at], f->radius[at],
+                          f->switch_value[at], f->face[at].cone);
+            slot[count++] = at;
+            if (count < MNI_SIEVE_BATCH)
+                continue;
+            judge(a, f, slot, count);
+            count = 0;
+        }
+    }
+    judge(a, f, slot, count);
+}
+
+/* Forks whose collapse will need a block that is not in use. */
+static void scan_branches(mni_ahead *a, mni_front *f, uint32_t from, uint32_t to) {
+    for (uint32_t b = from; b < to; b++) {
+        const mni_front_branch *branch = &f->branch[b];
+        if (!branch->exit || !mni_front_is_fork(f, b))
+            continue;
+        const mni_entry entry = mni_front_entry(f, branch->parent, branch->slot);
+        if (mni_store_usage(f->store, entry) > 0)
+            continue;
+        const mni_bounds bounds = mni_front_branch_bounds(f, b);
+        const double tolerance_px = a->look.now.tolerance_px;
+        const double there_px = mni_lens_priority(&a->look.ahead, &bounds);
+        if (there_px > tolerance_px)
+            continue;
+        const double now_px = mni_lens_priority(&a->look.now, &bounds);
+        if (now_px > tolerance_px)
+            mni_store_ahead_up(f->store, entry, frames_until(now_px, there_px, tolerance_px));
+    }
+}
+
+/* The part [from, to) of `count` things that has its turn, in whole batches. */
+typedef struct part {
+    uint32_t from, to;
+} part;
+static part turn(uint32_t count, uint32_t *next) {
+    const uint32_t size = (count / MNI_AHEAD_TURNS / MNI_SIEVE_BATCH + 1) * MNI_SIEVE_BATCH;
+    const uint32_t from = *next < count ? *next : 0;
+    const bool last = count - from <= size;
+    *next = last ? 0 : from + size;
+    return (part){from, last ? count : from + size};
+}
+
+void mni_ahead_scan(mni_ahead *a, mni_front *front) {
+    a->splits = 0;
+    if (!a->look.moves || !(a->look.now.tolerance_px > 0))
+        return;
+    const part slots = turn(front->slots_high, &a->slot);
+    const part branches = turn(front->branches_high, &a->branch);
+    scan_slots(a, front, slots.from, slots.to);
+    scan_branches(a, front, branches.from, branches.to);
+}

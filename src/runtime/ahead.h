@@ -1,0 +1,56 @@
+/* Where the camera is going, and which blocks it will want there.
+ *
+ * The camera a moment ahead is extrapolated from its last two places; what it will want is the same
+ * function as what it wants now (wanted.h), asked of the nodes of the front that would need another
+ * block: exits, which will split, and forks at exits, which will collapse. A part of the front has
+ * its turn in each frame. */
+#ifndef MNI_AHEAD_H
+#define MNI_AHEAD_H
+
+#include "front.h"
+#include "rate.h"
+#include "sieve.h"
+
+enum {
+    MNI_AHEAD_HORIZON = 12, /* frames that the camera is looked ahead */
+    MNI_AHEAD_TURNS = 4,    /* frames in which the whole front has its turn; so much less is told */
+    MNI_AHEAD_SPLITS = 48,  /* in a frame, that are worth a rehearsal */
+    MNI_AHEAD_KNOWN = 4096, /* nodes whose rehearsal went well, remembered; a power of two */
+};
+
+/* A split to come. */
+typedef struct mni_ahead_split {
+    mni_front_ref node;
+    uint32_t frames;
+} mni_ahead_split;
+
+typedef struct mni_ahead {
+    /* Navigate only */
+    mn_camera last; /* of the frame before */
+    float step[3];  /* of the eye, then */
+    bool has_last;
+    mni_look look;
+    mni_sieve sieve; /* of look.ahead */
+    mni_sieve_batch batch;
+    uint32_t slot, branch;                   /* whose turn it is */
+    mni_ahead_split split[MNI_AHEAD_SPLITS]; /* of this frame */
+    uint32_t splits;
+    uint32_t known[MNI_AHEAD_KNOWN]; /* order ids, by slot */
+} mni_ahead;
+
+/* The camera in so many frames, if it goes on as it came. false: it stands, or has jumped. */
+bool mni_ahead_extrapolate(mni_ahead *ahead, const mn_camera *camera, float frames, mn_camera *out);
+/* Takes in the frame's camera, as the lens has it; the rest as mni_lens_make and mni_sieve_make.
+ * After it look is what the store is to know. */
+void mni_ahead_begin(mni_ahead *ahead, const mn_camera *camera, const mni_lens *now,
+                     uint32_t width_px, uint32_t height_px, double size, const mn_weights *weights,
+                     float coordinate_max);
+/* Tells the store what a part of the front will want; ahead->split are nodes of it that will be
+ * split and may need more blocks than their own, for the splits that theirs force. */
+void mni_ahead_scan(mni_ahead *ahead, mni_front *front);
+/* A node that a rehearsed split has brought; it will be gone. */
+void mni_ahead_newborn(const mni_ahead *ahead, mni_front *front, uint32_t slot);
+/* Everything that the split needs is there: it need not be rehearsed again. */
+void mni_ahead_know(mni_ahead *ahead, mni_front_ref node);
+
+#endif

@@ -1,0 +1,220 @@
+/* Goal: the camera is looked ahead of as it goes, not where it has jumped or stands; what lies
+ * below a block is rated as its nodes are; and whatever the camera does, prefetching costs nothing
+ * but reads. Method: cameras made here; ratings against the tree itself; a model on the simulated
+ * disk with jumps, reversals and stops, in all three ways of prefetching. */
+#include <check.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "block.h"
+#include "frame.h"
+#include "model.h"
+#include "navigate.h"
+#include "suite.h"
+
+static mn_camera camera_at(float x) {
+    return (mn_camera){.eye = {x, 0, 10}, .target = {0, 0, 0}, .up = {0, 1, 0}, .fov_y_deg = 45};
+}
+
+static bool look(mni_ahead *ahead, float x) {
+    mn_camera camera = camera_at(x);
+    mni_lens lens;
+    mni_lens_make(&lens, &camera, 640, 480, 5, 1, NULL);
+    mni_ahead_begin(ahead, &camera, &lens, 640, 480, 5, NULL, 5);
+    return ahead->look.moves;
+}
+
+START_TEST(moves_jumps_and_stops) {
+    mni_ahead ahead = {.has_last = false};
+    ck_assert(!look(&ahead, 0)); /* nothing is known yet */
+    for (int i = 1; i < 10; i++) {
+        ck_assert(look(&ahead, 0.1f * (float)i));
+        double x = 0.1 * i + 0.1 * MNI_AHEAD_HORIZON;
+        ck_assert_double_eq_tol(ahead.look.ahead.eye[0], x, 1e-4);
+    }
+    ck_assert(look(&ahead, 0.8f)); /* back */
+    ck_assert_double_eq_tol(ahead.look.ahead.eye[0], 0.8 - 0.1 * MNI_AHEAD_HORIZON, 1e-4);
+    ck_assert(!look(&ahead, 0.8f)); /* stands */
+    ck_assert_mem_eq(&ahead.look.now, &ahead.look.ahead, sizeof(mni_lens));
+    ck_assert(!look(&ahead, 4)); /* jumps */
+    ck_assert(look(&ahead, 4.1f));
+    ck_assert(look(&ahead, 4.3f)); /* faster, but no jump */
+}
+END_TEST
+
+/* What the session does along a path of `frames` cameras; settles at its end. */
+typedef struct outcome {
+    uint64_t hash;
+    mn_session_stats stats;
+} outcome;
+
+static mn_camera path_at(const model *m, int path, int frame) {
+    switch (path) {
+    case 0: /* round, with a jump to the other side now and then */
+        return model_camera(m, 0.004 * frame + (frame / 20 % 2) * 0.5, 1.3);
+    case 1: /* to and fro */
+        return model_camera(m, 0.003 * (frame % 30 < 15 ? frame % 15 : 15 - frame % 15), 1.2);
+    case 2: /* stops */
+        return model_camera(m, 0.01 * (frame / 10), 1.2);
+    }
+    return model_camera(m, 0.1, 1.1 + 2 * fabs(cos(0.05 * frame))); /* in and out */
+}
+
+static outcome fly(const mn_session_desc *desc, const model *m, int path) {
+    enum { FRAMES = 90 };
+    outcome out;
+    memset(&out, 0, sizeof out);
+    mn_session *s = model_open(desc);
+    mn_frame_stats frame = {0};
+    mn_camera camera = {0};
+    for (int i = 0; i < FRAMES; i++) {
+        camera = path_at(m, path, i);
+        mn_session_frame(s, &camera, &frame);
+        if (i % 10 == 0)
+            mn_session_check(s);
+    }
+    (void)mn_session_settle(s, &camera, 1000);
+    mn_session_stats before;
+    mn_session_stats_get(s, &before);
+    for (int i = 0; i < 5; i++)
+        mn_session_frame(s, &camera, &frame);
+    mn_session_drain(s);
+    mn_session_stats_get(s, &out.stats);
+    ck_assert_uint_eq(before.reads, out.stats.reads); /* a camera that stands reads nothing */
+    ck_assert(!frame.changed);
+    out.hash = frame.front_hash;
+    mn_session_set_tolerance(s, INFINITY);
+    (void)mn_session_settle(s, &camera, 1000);
+    ck_assert(mn_session_at_roots(s));
+    mn_session_close(s);
+    return out;
+}
+
+START_TEST(jumps_reversals_and_stops) {
+    static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096};
+    model m;
+    model_make(&m, MODEL_GLOBE, 6000, &blocks);
+    mn_session_desc desc = model_desc(&m);
+    outcome resident = fly(&desc, &m, _i);
+    desc.store = MN_STORE_PAGED;
+    desc.io = MN_IO_SIM;
+    desc.fps = 60;
+    desc.degrade_off = true;
+    uint64_t misses[3];
+    for (int p = 0; p < 3; p++) {
+        desc.prefetch = (mn_prefetch)p;
+        desc.k = 0;
+        outcome roomy = fly(&desc, &m, _i), again = fly(&desc, &m, _i);
+        ck_assert_uint_eq(roomy.hash, resident.hash);
+        ck_assert_mem_eq(&roomy.stats, &again.stats, sizeof roomy.stats);
+        ck_assert_uint_le(roomy.stats.prefetches_used, roomy.stats.prefetches_loaded);
+        if (p == MN_PREFETCH_OFF)
+            ck_assert_uint_eq(roomy.stats.prefetches, 0);
+        misses[p] = roomy.stats.misses;
+        desc.k = MN_K_MIN;
+        (void)fly(&desc, &m, _i);
+    }
+    ck_assert_uint_le(misses[MN_PREFETCH_AHEAD], misses[MN_PREFETCH_OFF]);
+    model_free(&m);
+}
+END_TEST
+
+/* What is said of a reference, and of where the subtrees behind it are, is what the tree says of
+ * the nodes there. One block: one note at a time. Returns how many exits it has seen. */
+static uint32_t check_block(const model *m, const mn_header *header, const mni_look *look,
+                            const unsigned char *bytes) {
+    static float urgency[4096];
+    static mni_notes below[4096];
+    mni_frame frame;
+    mni_block block;
+    uint32_t seen = 0;
+    mni_frame_get(bytes, &frame);
+    ck_assert_uint_le(frame.refs, 4096);
+    mni_block_reopen(&block, bytes);
+    for (uint32_t s = 0; s < block.subtrees; s++) {
+        mni_subtree subtree;
+        mni_block_subtree(&block, s, &subtree);
+        const float *root = &m->tree.leaf_position[3 * (size_t)subtree.leaf_lo];
+        mni_notes notes = {.count = 0};
+        mni_note note = mni_rate_note(s, root);
+        mni_notes_add(&notes, &note);
+        mni_rate_block(NULL, look, bytes, &notes, urgency, below);
+        mni_walk walk;
+        mni_node node;
+        uint32_t index;
+        mni_walk_begin(&walk, &block);
+        while (mni_walk_next(&walk, &index, &node)) {
+            if (node.at.leaf_lo < subtree.leaf_lo || node.at.leaf_hi > subtree.leaf_hi)
+                continue;
+            for (int side = 0; side < 2; side++) {
+                const mni_child *child = side ? &node.right : &node.left;
+                if (child->kind != MNI_CHILD_SUBTREE)
+                    continue;
+                uint32_t leaf = side ? node.leaf_mid : node.at.leaf_lo;
+                const float *at = &m->tree.leaf_position[3 * (size_t)leaf];
+                const mni_bounds bounds = {at, child->facts.radius, child->facts.switch_value,
+                                           child->facts.cone};
+                double own = mni_lens_priority(&look->now, &bounds) / look->now.tolerance_px;
+                const mni_notes *known = &below[child->ref];
+                bool noted = own < 0.26 || known->count == MNI_NOTES_MAX; /* or a neighbour is */
+                for (uint32_t i = 0; i < known->count; i++) {
+                    float there[3];
+                    memcpy(there, &known->note[i].word[1], sizeof there);
+                    bool same = known->note[i].word[0] == child->subtree;
+                    for (int k = 0; k < 3; k++)
+                        same = same && fabsf(there[k] - at[k]) <= 1.01f * header->grid_step;
+                    noted |= same;
+                }
+                ck_assert(noted);
+                ck_assert_double_ge((double)urgency[child->ref], 0.9 * own);
+                seen++;
+            }
+        }
+    }
+    return seen;
+}
+
+START_TEST(ratings_are_those_of_the_nodes) {
+    enum { BLOCK_BYTES = 4096 };
+    static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED,
+                                         .block_bytes = BLOCK_BYTES};
+    model m;
+    model_make(&m, MODEL_GLOBE, 6000, &blocks);
+    mn_session_desc desc = model_desc(&m);
+    mn_header header;
+    mn_status st = {0};
+    ck_assert_int_eq(mn_header_read(desc.path, &header, &st), MN_OK);
+    mni_look look = {.moves = false};
+    mn_camera camera = model_camera(&m, 0.1, 1.3);
+    mni_lens_make(&look.now, &camera, 640, 480, 1, 2, NULL);
+    look.ahead = look.now;
+    FILE *file = fopen(desc.path, "rb");
+    ck_assert_ptr_nonnull(file);
+    unsigned char bytes[BLOCK_BYTES];
+    uint32_t seen = 0;
+    for (uint64_t at = MN_PAGE_BYTES; at < header.file_bytes; at += BLOCK_BYTES) {
+        mni_frame frame;
+        ck_assert_int_eq(fseek(file, (long)at, SEEK_SET), 0);
+        ck_assert_uint_eq(fread(bytes, 1, sizeof bytes, file), sizeof bytes);
+        mni_frame_get(bytes, &frame);
+        if (frame.kind == MNI_FRAME_METANODE)
+            seen += check_block(&m, &header, &look, bytes);
+    }
+    ck_assert_uint_gt(seen, 20);
+    fclose(file);
+    model_free(&m);
+}
+END_TEST
+
+int main(void) {
+    Suite *suite = suite_create("ahead");
+    TCase *tc = tcase_create("ahead");
+    tcase_set_timeout(tc, 120);
+    tcase_add_test(tc, moves_jumps_and_stops);
+    tcase_add_loop_test(tc, jumps_reversals_and_stops, 0, 4);
+    tcase_add_test(tc, ratings_are_those_of_the_nodes);
+    suite_add_tcase(suite, tc);
+    return suite_run(suite);
+}
