@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "assert.h"
+#include "extintake.h"
 #include "faces.h"
 #include "weld.h"
 
@@ -40,6 +41,7 @@ struct mni_intake {
     bool expected;      /* vertices are as announced: room was made once */
     bool over;          /* the cap: only counting since then */
 
+    mni_extintake *external; /* has all that is pushed, and nothing here; NULL: it is here */
     mni_weld weld;
     uint32_t *welded; /* pushed -> vertex; NULL in soups and without welding */
     uint64_t pushed_capacity;
@@ -163,6 +165,13 @@ mni_intake *mni_intake_open(const mn_read_desc *desc, bool soup, const char *nam
     return intake;
 }
 
+mni_intake *mni_intake_open_to(mni_extintake *x, bool soup, const char *name, mn_status *st) {
+    mni_intake *intake = mni_intake_open(&(mn_read_desc){0}, soup, name, st);
+    if (intake != NULL)
+        intake->external = x;
+    return intake;
+}
+
 static bool too_many(mni_intake *intake, uint64_t count, uint64_t max, const char *what) {
     mn_fail(intake->st, MN_BAD_INPUT, "%s: has %llu %s, more than the %llu that can be taken in",
             intake->name, (unsigned long long)count, what, (unsigned long long)max);
@@ -175,6 +184,8 @@ bool mni_intake_expect(mni_intake *intake, uint64_t vertices, uint64_t triangles
         return too_many(intake, vertices, MNI_VERTICES_MAX, "vertices");
     if (triangles > MNI_TRIANGLES_MAX)
         return too_many(intake, triangles, MNI_TRIANGLES_MAX, "triangles");
+    if (intake->external != NULL)
+        return true;
     intake->expected = !intake->soup;
     if (intake->ram_bytes != 0 &&
         need_bytes(intake, vertices, vertices, triangles) > intake->ram_bytes) {
@@ -215,6 +226,10 @@ bool mni_intake_vertex_color(mni_intake *intake, const double position[3], uint3
     MN_ASSERT(!intake->soup);
     if (intake->pushed >= MNI_VERTICES_MAX)
         return too_many(intake, intake->pushed + 1, MNI_VERTICES_MAX, "vertices");
+    if (intake->external != NULL) {
+        intake->pushed++;
+        return mni_extintake_vertex(intake->external, position, rgba);
+    }
     if (intake->pushed % CAP_CHECK_EVERY == 0)
         check_cap(intake);
     if (!intake->over && !intake->apart && intake->pushed == intake->pushed_capacity &&
@@ -233,6 +248,8 @@ bool mni_intake_vertex_color(mni_intake *intake, const double position[3], uint3
 static bool prepare_triangle(mni_intake *intake) {
     if (intake->triangles >= MNI_TRIANGLES_MAX)
         return too_many(intake, intake->triangles + 1, MNI_TRIANGLES_MAX, "triangles");
+    if (intake->external != NULL)
+        return true;
     if (intake->triangles % CAP_CHECK_EVERY == 0)
         check_cap(intake);
     return intake->over || intake->triangles < intake->triangles_capacity ||
@@ -244,6 +261,10 @@ bool mni_intake_triangle(mni_intake *intake, uint32_t a, uint32_t b, uint32_t c)
     MN_ASSERT(!intake->soup);
     if (!prepare_triangle(intake))
         return false;
+    if (intake->external != NULL) {
+        intake->triangles++;
+        return mni_extintake_triangle(intake->external, a, b, c);
+    }
     if (!intake->over) {
         uint32_t *corner = intake->corner + 3 * intake->triangles;
         corner[0] = a;
@@ -254,10 +275,22 @@ bool mni_intake_triangle(mni_intake *intake, uint32_t a, uint32_t b, uint32_t c)
     return true;
 }
 
+/* Numbered as they come; corners are vertices. */
+static bool push_corners(mni_intake *intake, double corner[3][3]) {
+    for (uint32_t i = 0; i < 3; i++)
+        if (!mni_extintake_vertex(intake->external, corner[i], MNI_WHITE))
+            return false;
+    intake->pushed += 3;
+    intake->triangles++;
+    return mni_extintake_triangle(intake->external, 0, 1, 2);
+}
+
 bool mni_intake_soup_triangle(mni_intake *intake, double corner[3][3]) {
     MN_ASSERT(intake->soup);
     if (!prepare_triangle(intake))
         return false;
+    if (intake->external != NULL)
+        return push_corners(intake, corner);
     if (!intake->over && intake->weld.vertices >= MNI_VERTICES_MAX)
         return too_many(intake, intake->weld.vertices + 1, MNI_VERTICES_MAX, "vertices");
     for (uint32_t i = 0; i < 3; i++)
@@ -355,20 +388,20 @@ static bool reject_duplicates(mni_intake *intake) {
     return code == MN_OK || no_memory(intake);
 }
 
-static bool any_left(mni_intake *intake) {
-    if (intake->counts.input_faces == 0) {
-        mn_fail(intake->st, MN_BAD_INPUT,
+bool mni_intake_any_left(const mn_intake *counts, uint64_t vertices, uint64_t triangles,
+                         const char *name, mn_status *st) {
+    if (counts->input_faces == 0)
+        mn_fail(st, MN_BAD_INPUT,
                 "%s: has %llu vertices and no face: a mesh of triangles or polygons is wanted",
-                intake->name, (unsigned long long)intake->pushed);
-    } else if (intake->triangles == 0) {
-        const mn_intake *c = &intake->counts;
-        mn_fail(intake->st, MN_BAD_INPUT,
+                name, (unsigned long long)vertices);
+    else if (triangles == 0)
+        mn_fail(st, MN_BAD_INPUT,
                 "%s: no face is left of %llu: %llu degenerate, %llu with vertices that are not "
                 "finite",
-                intake->name, (unsigned long long)c->input_faces,
-                (unsigned long long)c->degenerate_faces, (unsigned long long)c->nonfinite_faces);
-    }
-    return intake->triangles > 0;
+                name, (unsigned long long)counts->input_faces,
+                (unsigned long long)counts->degenerate_faces,
+                (unsigned long long)counts->nonfinite_faces);
+    return triangles > 0;
 }
 
 /* Numbers the used vertices anew, in their order, and lets the others go. */
@@ -397,8 +430,18 @@ static bool drop_unused(mni_intake *intake) {
     return true;
 }
 
-/* 0 where floats hold every coordinate as it is (then true); else the middle of the box, on a grid
- * of a 256th of its size or finer, so that a mesh written and read again has the same. */
+/* 0 where exact; else the middle of the box, on a grid of a 256th of its size or finer, so that a
+ * mesh written and read again has the same. */
+void mni_intake_origin(const double low[3], const double high[3], bool exact, double origin[3]) {
+    double size = fmax(fmax(high[0] - low[0], high[1] - low[1]), high[2] - low[2]);
+    for (int i = 0; i < 3; i++) {
+        double middle = low[i] + (high[i] - low[i]) / 2;
+        double grid = size > 0 ? ldexp(1, ilogb(size) - 8) : 0;
+        origin[i] = exact ? 0 : grid > 0 ? nearbyint(middle / grid) * grid + 0.0 : middle;
+    }
+}
+
+/* Whether floats hold every coordinate as it is. */
 static bool choose_origin(const mni_intake *intake, double origin[3]) {
     double low[3] = {INFINITY, INFINITY, INFINITY};
     double high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -411,12 +454,7 @@ static bool choose_origin(const mni_intake *intake, double origin[3]) {
             exact = exact && (double)(float)x == x;
         }
     }
-    double size = fmax(fmax(high[0] - low[0], high[1] - low[1]), high[2] - low[2]);
-    for (int i = 0; i < 3; i++) {
-        double middle = low[i] + (high[i] - low[i]) / 2;
-        double grid = size > 0 ? ldexp(1, ilogb(size) - 8) : 0;
-        origin[i] = exact ? 0 : grid > 0 ? nearbyint(middle / grid) * grid + 0.0 : middle;
-    }
+    mni_intake_origin(low, high, exact, origin);
     return exact;
 }
 
@@ -488,7 +526,8 @@ bool mni_intake_finish(mni_intake *intake, mn_mesh *out) {
     reject_single_faces(intake);
     free(intake->welded);
     intake->welded = NULL;
-    if (!any_left(intake) || !reject_duplicates(intake) || !drop_unused(intake))
+    if (!mni_intake_any_left(counts, intake->pushed, intake->triangles, intake->name, intake->st) ||
+        !reject_duplicates(intake) || !drop_unused(intake))
         return false;
     double origin[3];
     bool exact = choose_origin(intake, origin);

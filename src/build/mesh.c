@@ -13,6 +13,7 @@
 #include <strings.h>
 #include <time.h>
 
+#include "extintake.h"
 #include "reader.h"
 
 enum { SNIFF_BYTES = 4096, STL_HEAD_BYTES = 84, STL_FACET_BYTES = 50 };
@@ -132,23 +133,56 @@ uint32_t mni_read_color(const double *channel, int channels, double *max) {
     return rgba;
 }
 
-static bool read_source(const char *path, mni_source *source, const mn_read_desc *desc,
-                        mn_mesh *out) {
+/* Pushes the file's mesh into the intake. */
+static bool push(const char *path, format kind, bool openmesh, mni_source *source,
+                 const mn_read_desc *desc, mni_intake *intake) {
     static const char *const openmesh_names[] = {
         [PLY] = "ply",       [OFF] = "off",     [STL_BINARY] = "stl",
         [STL_ASCII] = "stl", [OPENMESH] = "om", [OBJ] = "obj"};
+    return (openmesh ? mni_read_openmesh(path, openmesh_names[kind], desc, source, intake)
+                     : read_own(kind, source, intake)) &&
+           source->st->code == MN_OK;
+}
+
+/* Into one of the two. */
+static bool read_source(const char *path, mni_source *source, const mn_read_desc *desc,
+                        const mni_extmesh_desc *external, mn_mesh *out, mni_extmesh *out_external) {
     format kind = format_of(source);
     if (source->st->code != MN_OK)
         return false;
     bool openmesh = kind == OPENMESH || (desc->reader == MN_READER_OPENMESH && kind != UNKNOWN);
-    bool soup = !openmesh && (kind == STL_BINARY || kind == STL_ASCII);
-    mni_intake *intake = mni_intake_open(desc, soup, source->name, source->st);
-    bool ok = intake != NULL &&
-              (openmesh ? mni_read_openmesh(path, openmesh_names[kind], desc, source, intake)
-                        : read_own(kind, source, intake)) &&
-              source->st->code == MN_OK && mni_intake_finish(intake, out);
+    bool soup = !openmesh && (kind == STL_BINARY || kind == STL_ASCII), ok = false;
+    mni_extintake *x = NULL;
+    mni_intake *intake = NULL;
+    if (external == NULL) {
+        intake = mni_intake_open(desc, soup, source->name, source->st);
+        ok = intake != NULL && push(path, kind, openmesh, source, desc, intake) &&
+             mni_intake_finish(intake, out);
+    } else {
+        x = mni_extintake_open(external, desc, soup, source->name, source->st);
+        intake = x != NULL ? mni_intake_open_to(x, soup, source->name, source->st) : NULL;
+        ok = intake != NULL && push(path, kind, openmesh, source, desc, intake) &&
+             mni_extintake_finish(x, out_external);
+    }
     mni_intake_close(intake);
+    mni_extintake_close(x);
     return ok;
+}
+
+mn_code mni_extmesh_read(const char *path, const mn_read_desc *read, const mni_extmesh_desc *desc,
+                         mni_extmesh *out, mn_status *st) {
+    const mn_read_desc defaults = {0};
+    mn_status own = {0};
+    mni_source source;
+    *out = (mni_extmesh){.vertex.fd = -1, .triangle.fd = -1};
+    if (read == NULL)
+        read = &defaults;
+    if (mni_source_open(&source, path, read, &own))
+        read_source(path, &source, read, desc, NULL, out);
+    mni_source_close(&source);
+    if (own.code != MN_OK)
+        mn_fail(st, own.code, "%s", own.text);
+    return own.code;
 }
 
 mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, mn_status *st) {
@@ -159,7 +193,8 @@ mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, m
     *out = (mn_mesh){0};
     if (desc == NULL)
         desc = &defaults;
-    if (mni_source_open(&source, path, desc, &own) && read_source(path, &source, desc, out)) {
+    if (mni_source_open(&source, path, desc, &own) &&
+        read_source(path, &source, desc, NULL, out, NULL)) {
         out->bytes_read = source.size;
         out->seconds_read = now_s() - started_s;
     }

@@ -21,6 +21,7 @@
                                       */
 
 typedef struct mni_intake mni_intake;
+struct mni_extintake;
 
 /* soup: vertices come with their triangles (STL) and are always welded. name: for messages. */
 mni_intake *mni_intake_open(const mn_read_desc *desc, bool soup, const char *name, mn_status *st);
@@ -40,6 +41,14 @@ uint64_t mni_intake_vertices(const mni_intake *intake); /* pushed so far */
 /* Makes the mesh. The intake holds nothing after it and can only be closed. */
 bool mni_intake_finish(mni_intake *intake, mn_mesh *out);
 void mni_intake_close(mni_intake *intake); /* NULL is allowed */
+
+/* An intake that hands all that is pushed on to x, which stays the caller's to finish and close. */
+mni_intake *mni_intake_open_to(struct mni_extintake *x, bool soup, const char *name, mn_status *st);
+/* What both intakes say when no triangle is left, false, or none came at all. */
+bool mni_intake_any_left(const mn_intake *counts, uint64_t vertices, uint64_t triangles,
+                         const char *name, mn_status *st);
+/* Where positions are counted from, for a box; exact: floats hold every coordinate as it is. */
+void mni_intake_origin(const double low[3], const double high[3], bool exact, double origin[3]);
 
 /* A polygon or strip on its way into triangles: corners come one by one, any number of them. */
 typedef struct mni_polygon {

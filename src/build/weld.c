@@ -104,8 +104,7 @@ bool mni_weld_reserve(mni_weld *weld, uint64_t vertices) {
 
 /* ---- vertices ------------------------------------------------------------------------------- */
 
-/* -0 becomes 0, so that equal positions have equal bytes; not finite becomes NaN, 0, 0. */
-static bool normalise(double p[3]) {
+bool mni_weld_normalise(double p[3]) {
     for (int i = 0; i < 3; i++) {
         if (!(p[i] >= -coordinate_max && p[i] <= coordinate_max)) {
             p[0] = (double)NAN;
@@ -196,7 +195,7 @@ uint64_t mni_weld_vertices(const mni_weld *weld) {
 bool mni_weld_add(mni_weld *weld, const double position[3], uint32_t rgba, uint64_t target) {
     mni_weld_pending *p = &weld->pending[weld->pending_count];
     memcpy(p->position, position, sizeof p->position);
-    weld->nonfinite += !normalise(p->position);
+    weld->nonfinite += !mni_weld_normalise(p->position);
     if (weld->counting) {
         count(weld, p->position);
         return true;

@@ -39,6 +39,9 @@ typedef struct mni_weld {
     mni_weld_pending pending[MNI_WELD_BATCH];
 } mni_weld;
 
+/* -0 becomes 0, so that equal positions have equal bytes; what floats cannot hold becomes NaN, 0,
+ * 0: false. */
+bool mni_weld_normalise(double position[3]);
 void mni_weld_open(mni_weld *weld, bool apart, uint32_t **target);
 /* Makes room for so many vertices, before the first. Here and below false: no memory. */
 bool mni_weld_reserve(mni_weld *weld, uint64_t vertices);

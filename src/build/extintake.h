@@ -1,0 +1,107 @@
+/* The intake of meshes larger than memory, between its files: extintake.c takes what readers push
+ * and keeps the order of the steps, extnumber.c numbers vertices, extfaces.c judges triangles.
+ *
+ *   pushed ─► narrow, wide: vertices as they came      corners: triangles as they came
+ *                    │ sort by place                      │
+ *                    ▼                                    ▼
+ *              placed: one vertex a place ── map ──► corners by their places' numbers
+ *                                                         │ reject, sort by corners, reject twins
+ *                                                         ▼
+ *              used ones only ──► vertex              triangle ──► edges, sorted: counts
+ *
+ * Memory, in shares of work_bytes: a sort takes a quarter, and three are open at most; the map,
+ * where it fits half, saves two of them; a bit (and a bit) a place an eighth, buffers an eighth.
+ * Every bool: false means that the status has been filled. One thread. */
+#ifndef MNI_EXTINTAKE_H
+#define MNI_EXTINTAKE_H
+
+#include "extmesh.h"
+#include "extsort.h"
+#include "mem.h"
+
+typedef struct mni_extintake mni_extintake;
+
+/* What a reader pushes; as mni_intake_…, which hand it on. */
+mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_desc *read, bool soup,
+                                  const char *name, mn_status *st);
+bool mni_extintake_vertex(mni_extintake *x, const double position[3], uint32_t rgba);
+/* MN_NONE for all: fewer than three corners. */
+bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c);
+bool mni_extintake_finish(mni_extintake *x, mni_extmesh *out);
+void mni_extintake_close(mni_extintake *x); /* NULL is allowed */
+
+/* ---- between the files ----------------------------------------------------------------------- */
+
+enum { MNI_EXT_BUFFERS = 3 };
+
+struct mni_extintake {
+    /* const after open */
+    mni_extmesh_desc desc;
+    bool apart, soup;
+    const char *name;
+    mn_status *st;
+    mni_arena arena; /* the buffers */
+    unsigned char *buffer[MNI_EXT_BUFFERS];
+    size_t buffer_bytes; /* each; a multiple of every record's size */
+
+    /* while vertices and triangles come */
+    uint64_t vertices, triangles; /* pushed; triangles without MN_NONE */
+    uint64_t nonfinite, narrow_vertices;
+    bool has_colors;
+    double low[3], high[3]; /* of finite vertices */
+    mni_spill narrow, wide; /* vertices: as long as floats hold them, and from then on */
+    mni_spill corners;      /* 3 × triangles; none of a soup */
+    mni_spill_writer to_narrow, to_wide, to_corners;
+
+    /* numbering */
+    uint64_t places;  /* different finite positions: numbers 0 … places - 1 */
+    mni_spill placed; /* by place: mni_extvertex, or mni_ext_wide where floats do not hold them */
+    uint32_t *map;    /* by pushed vertex: its place, or MN_NONE; NULL: map_sort has it */
+    mni_sort *map_sort, *corner_sort;
+
+    /* triangles */
+    uint64_t *used;        /* a bit a place */
+    uint32_t *used_before; /* for each MNI_EXT_RANK_WORDS words of them */
+    mni_sort *triangle_sort, *edge_sort, *flag_sort;
+
+    mn_intake counts;
+    mni_extmesh result;
+};
+
+enum { MNI_EXT_RANK_WORDS = 8 };
+
+/* A vertex as it came. */
+typedef struct mni_ext_narrow {
+    float position[3];
+    uint32_t rgba;
+} mni_ext_narrow;
+
+/* The same, or a place, where coordinates are not all floats. */
+typedef struct mni_ext_wide {
+    double position[3];
+    uint32_t rgba, number;
+} mni_ext_wide;
+
+static inline bool mni_ext_is_wide(const mni_extintake *x) {
+    return x->narrow_vertices < x->vertices;
+}
+
+bool mni_ext_sort_open(mni_extintake *x, mni_sort **sort, uint32_t record_bytes, mni_sort_key key);
+/* Adds up what it moved, and closes it. */
+void mni_ext_sort_close(mni_extintake *x, mni_sort **sort);
+bool mni_ext_spill_open(mni_extintake *x, mni_spill *spill);
+void mni_ext_spill_close(mni_extintake *x, mni_spill *spill);
+/* The spill's failure, if there is one, becomes the intake's. */
+bool mni_ext_spill_good(mni_extintake *x, const mni_spill *spill);
+
+/* Places for all vertices, and the map. */
+bool mni_ext_place_vertices(mni_extintake *x);
+/* Triangles in the input's order, by places: opens the faces and has each judged. */
+bool mni_ext_place_triangles(mni_extintake *x);
+bool mni_ext_faces_open(mni_extintake *x);
+/* A triangle of places, or with MN_NONE; number: in the input. */
+void mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number);
+/* Twins go, the rest is written; then the vertices that it uses. */
+bool mni_ext_faces_finish(mni_extintake *x);
+
+#endif

@@ -1,0 +1,55 @@
+/* A mesh that need not fit in memory: on disk, welded, checked, renumbered in spatial order.
+ *
+ *   read ── vertices, triangles: streams of the records below, as often as one likes ── close
+ *
+ * What is kept, rejected and counted is what mn_mesh_read keeps, rejects and counts; only the order
+ * is another: vertices along a Z-order curve, triangles by their smallest vertex, so that
+ * neighbours are near each other in the files. Numbers say where each stood in the input, for rules
+ * that break ties by it. One thread; calls may block on the disk. */
+#ifndef MNI_EXTMESH_H
+#define MNI_EXTMESH_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "metanode/build.h"
+#include "spill.h"
+
+typedef struct mni_extvertex {
+    float position[3]; /* relative to the origin */
+    uint32_t rgba;     /* MNI_WHITE where the input has no colours */
+    uint32_t number;   /* its first among the input's vertices (in a soup: corners) */
+} mni_extvertex;
+
+typedef struct mni_exttriangle {
+    uint32_t corner[3]; /* in the input's order */
+    uint32_t number;    /* rises with the input's */
+} mni_exttriangle;
+
+typedef struct mni_extmesh {
+    mni_spill vertex, triangle; /* all of their bytes are records */
+    uint64_t vertices, triangles;
+    double origin[3];
+    bool has_colors;
+    mn_intake intake;
+    uint64_t boundary_edges, nonmanifold_edges;
+    uint64_t bytes_read, bytes_written; /* of temporary files, on the way */
+} mni_extmesh;
+
+typedef struct mni_extmesh_desc {
+    uint64_t work_bytes;  /* at least MNI_EXTMESH_WORK_MIN: all that is taken, the reader's own
+                             buffers and a few structs apart */
+    const char *temp_dir; /* outlives the mesh */
+} mni_extmesh_desc;
+
+#define MNI_EXTMESH_WORK_MIN (UINT64_C(256) << 10)
+
+/* As mn_mesh_read (read->ram_bytes is not asked). MN_NO_SPACE: temp_dir is full;
+ * MN_CAP_TOO_SMALL: a bit a vertex does not fit an eighth of work_bytes. On failure *out is closed.
+ */
+mn_code mni_extmesh_read(const char *path, const mn_read_desc *read, const mni_extmesh_desc *desc,
+                         mni_extmesh *out, mn_status *st);
+/* Harmless on a closed one. */
+void mni_extmesh_close(mni_extmesh *mesh);
+
+#endif

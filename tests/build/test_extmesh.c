@@ -1,0 +1,354 @@
+/* Goal: reading a mesh through the disk keeps, rejects and counts what reading it in memory does,
+ * in any budget, and leaves it in spatial order. Method: both readers on small texts for each rule,
+ * on seeded random meshes, on real ones; what came out on disk is renumbered by the input's numbers
+ * and must be the other mesh, bit for bit. A full disk, and a disk that fills at the Nth byte. */
+#include "read_help.h"
+
+#include <dirent.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "extmesh.h"
+
+static char folder[] = "/tmp/mn-extmesh-XXXXXX";
+static char path[64];
+static uint64_t seed;
+
+static const mn_read_desc apart = {.weld = MN_WELD_OFF};
+
+static uint64_t random_u64(uint64_t *state) {
+    uint64_t x = *state += UINT64_C(0x9e3779b97f4a7c15);
+    x = (x ^ x >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
+    x = (x ^ x >> 27) * UINT64_C(0x94d049bb133111eb);
+    return x ^ x >> 31;
+}
+
+static void write_file(const void *bytes, size_t size) {
+    FILE *f = fopen(path, "wb");
+    ck_assert_uint_eq(fwrite(bytes, 1, size, f), size);
+    fclose(f);
+}
+
+/* ---- both readers ------------------------------------------------------------------------------
+ */
+
+/* All of a spill. */
+static void *load(mni_spill *spill, size_t record_bytes, uint64_t count) {
+    ck_assert_uint_eq(spill->size_bytes, record_bytes * count);
+    unsigned char *all = malloc(record_bytes * count + 1), *buffer = malloc(4096 * record_bytes);
+    const void *record;
+    uint64_t i = 0;
+    mni_spill_reader r;
+    mni_spill_reader_open(&r, spill, 0, spill->size_bytes, buffer, 4096 * record_bytes, false);
+    while ((record = mni_spill_take(&r, record_bytes)) != NULL)
+        memcpy(all + record_bytes * i++, record, record_bytes);
+    ck_assert_uint_eq(i, count);
+    free(buffer);
+    return all;
+}
+
+static int by_vertex_number(const void *a, const void *b) {
+    const mni_extvertex *x = *(const mni_extvertex *const *)a,
+                        *y = *(const mni_extvertex *const *)b;
+    return x->number < y->number ? -1 : x->number > y->number;
+}
+
+static int by_triangle_number(const void *a, const void *b) {
+    const mni_exttriangle *x = a, *y = b;
+    return x->number < y->number ? -1 : x->number > y->number;
+}
+
+static void compare_vertices(const mn_mesh *mesh, const mni_extvertex *v, uint32_t *in_memory) {
+    const mni_extvertex **order = malloc(mesh->vertices * sizeof *order);
+    uint64_t wrong = 0;
+    for (uint32_t i = 0; i < mesh->vertices; i++)
+        order[i] = &v[i];
+    qsort(order, mesh->vertices, sizeof *order, by_vertex_number);
+    for (uint32_t i = 0; i < mesh->vertices; i++) {
+        in_memory[order[i] - v] = i;
+        wrong += memcmp(order[i]->position, mesh->position + 3 * (uint64_t)i, 12) != 0;
+        wrong += order[i]->rgba != (mesh->color != NULL ? mesh->color[i] : UINT32_MAX);
+    }
+    ck_assert_uint_eq(wrong, 0);
+    free(order);
+}
+
+static void compare(const mn_mesh *mesh, mni_extmesh *x) {
+    ck_assert_mem_eq(&x->intake, &mesh->intake, sizeof mesh->intake);
+    ck_assert_mem_eq(x->origin, mesh->origin, sizeof mesh->origin);
+    ck_assert_uint_eq(x->vertices, mesh->vertices);
+    ck_assert_uint_eq(x->triangles, mesh->triangles);
+    ck_assert_int_eq(x->has_colors, mesh->color != NULL);
+    mni_extvertex *v = load(&x->vertex, sizeof *v, x->vertices);
+    mni_exttriangle *t = load(&x->triangle, sizeof *t, x->triangles);
+    uint32_t *in_memory = malloc(x->vertices * sizeof *in_memory), smallest = 0;
+    uint64_t wrong = 0;
+    compare_vertices(mesh, v, in_memory);
+    for (uint64_t i = 0; i < x->triangles; i++) { /* along the vertices' order */
+        uint32_t low = UINT32_MAX;
+        for (int c = 0; c < 3; c++)
+            low = t[i].corner[c] < low ? t[i].corner[c] : low;
+        wrong += low < smallest;
+        smallest = low;
+    }
+    qsort(t, x->triangles, sizeof *t, by_triangle_number);
+    for (uint64_t i = 0; i < x->triangles; i++)
+        for (int c = 0; c < 3; c++)
+            wrong += in_memory[t[i].corner[c]] != mesh->corner[3 * i + (uint64_t)c];
+    ck_assert_uint_eq(wrong, 0);
+    free(in_memory);
+    free(v);
+    free(t);
+}
+
+static mn_code read_external(const char *file, const mn_read_desc *read, uint64_t work,
+                             mni_extmesh *x, mn_status *st) {
+    const mni_extmesh_desc desc = {.work_bytes = work, .temp_dir = folder};
+    *st = (mn_status){0};
+    return mni_extmesh_read(file, read, &desc, x, st);
+}
+
+/* Both readers, all budgets: the same mesh, or the same words. */
+static void check_file(const char *file, const mn_read_desc *read) {
+    static const uint64_t works[] = {MNI_EXTMESH_WORK_MIN, 1 << 20, 64 << 20};
+    mn_mesh mesh;
+    mn_status st = {0}, own;
+    mn_code code = mn_mesh_read(file, read, &mesh, &st);
+    for (int i = 0; i < 3; i++) {
+        mni_extmesh x;
+        mn_code external = read_external(file, read, works[i], &x, &own);
+        ck_assert_msg(external == code, "%d instead of %d: %s", external, code, own.text);
+        if (code == MN_OK)
+            compare(&mesh, &x);
+        else
+            ck_assert_str_eq(own.text, st.text);
+        mni_extmesh_close(&x);
+        mni_extmesh_close(&x);
+    }
+    mn_mesh_free(&mesh);
+}
+
+static void check_text(const char *text) {
+    write_file(text, strlen(text));
+    check_file(path, NULL);
+    check_file(path, &apart);
+}
+
+/* ---- rules ---------------------------------------------------------------------------------- */
+
+#define TRIANGLE "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+START_TEST(every_rule) {
+    static const char *const texts[] = {
+        TRIANGLE,
+        /* welded, -0, unused */
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv -0 0 -0.0\nv 1e0 0 0\nv 0 0 1\nv 7 7 7\nf 1 2 3\nf 4 5 6\n",
+        /* duplicates in any order, and by welding */
+        TRIANGLE "f 2 3 1\nf 3 2 1\nv 0 0 0\nf 4 2 3\nv 0 0 1\nf 1 2 5\n",
+        /* degenerate, without area, too few corners */
+        TRIANGLE "f 1 1 2\nf 1 2 2\nf 2 1 2\nv 1 0 0\nf 4 2 1\nv 2 0 0\nf 2 1 5\nf 1 2\nf 3\n",
+        /* not finite */
+        TRIANGLE "v nan 0 0\nv 0 inf 0\nv 0 0 -1e400\nv 0 1e39 0\nv NaN 0 0\n"
+                 "f 1 2 4\nf 1 2 5\nf 1 2 6\nf 1 2 7\nf 4 4 8\nf 4 5 6\n",
+        /* misoriented: once, twice at one edge, and one that is wrong at two */
+        TRIANGLE "v 1 1 0\nv 0 0 1\nf 2 3 4\nf 3 2 5\nf 2 3 5\nv 0 0 2\nf 1 2 6\nf 2 3 6\n",
+        /* nothing is left; nothing was there */
+        "v 0 0 0\nv 1 0 0\nf 1 2 2\nv nan 0 0\nf 1 2 3\n", "v 0 0 0\nv 1 0 0\nv 1 1 0\n",
+        /* doubles: an origin, and positions that fall together as floats */
+        "v 1000000.1 2000000.2 3\nv 1000000.2 2000000.2 3\nv 1000000.1 2000000.9 3\n"
+        "v 1000000.1000000001 2000000.2 3\nv 1000000.2 2000000.2 3\nv 5 5 0.1\nf 1 2 3\nf 4 3 5\n",
+        /* from floats to doubles on the way; a double that no face uses */
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0.1 1 0\nf 1 2 3\nf 2 3 4\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0.1 1 0\nf 1 2 3\n",
+        /* colours, of the first */
+        "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 0 0 0 1 1 1\nv 0 0 1\nf 4 2 3\nf 1 2 5\n",
+        /* all in one place but one */
+        "v 0 0 0\nv 0 0 1e-30\nv 0 1e-30 0\nv 1e30 0 0\nf 1 2 3\nf 3 2 4\n",
+        /* a face of a vertex that is not there: said by the reader */
+        TRIANGLE "f 1 2 9\n", "v 1 2\n", ""};
+    check_text(texts[_i]);
+}
+END_TEST
+
+START_TEST(there_is_no_file) {
+    mni_extmesh x;
+    mn_status st;
+    check_file("/nowhere/at/all.ply", NULL);
+    ck_assert_int_eq(read_external(folder, NULL, 1 << 20, &x, &st), MN_BAD_INPUT);
+}
+END_TEST
+
+/* ---- random meshes ----------------------------------------------------------------------------
+ */
+
+/* Triangles among few or many places, with everything wrong that there can be. */
+static void random_obj(uint64_t *state, bool doubles) {
+    uint64_t vertices = 3 + random_u64(state) % 20000, faces = 1 + random_u64(state) % 30000;
+    uint64_t grid = 2 + random_u64(state) % 40, near = 1 + random_u64(state) % vertices;
+    FILE *f = fopen(path, "wb");
+    for (uint64_t v = 0; v < vertices; v++) {
+        uint64_t r = random_u64(state);
+        if (r % 400 == 0)
+            fprintf(f, "v nan 0 1\n");
+        else
+            fprintf(f, "v %.17g %.17g %.17g\n", (double)(r >> 8 & 255) / (double)grid,
+                    doubles ? 1e6 + (double)(r >> 16 & 15) * 0.1 : (double)(r >> 16 & 15),
+                    (double)(r >> 24) / (double)(1 << 20));
+    }
+    for (uint64_t t = 0; t < faces; t++) {
+        uint64_t at = random_u64(state) % vertices, c[3];
+        for (int i = 0; i < 3; i++)
+            c[i] = 1 + (at + random_u64(state) % near) % vertices;
+        fprintf(f, "f %llu %llu %llu\n", (unsigned long long)c[0], (unsigned long long)c[1],
+                (unsigned long long)c[2]);
+        if (random_u64(state) % 9 == 0) /* again, turned or not */
+            fprintf(f, "f %llu %llu %llu\n", (unsigned long long)c[1],
+                    (unsigned long long)c[at % 2 ? 2 : 0], (unsigned long long)c[at % 2 ? 0 : 2]);
+    }
+    fclose(f);
+}
+
+START_TEST(random_meshes) {
+    uint64_t state = seed + (uint64_t)_i;
+    random_obj(&state, _i % 2);
+    check_file(path, NULL);
+    if (_i < 4)
+        check_file(path, &apart);
+}
+END_TEST
+
+/* A soup of facets on a grid, as binary STL: nearly all corners are welded. */
+START_TEST(soups) {
+    enum { FACETS = 30000, BYTES = 84 + 50 * FACETS };
+    uint64_t state = seed;
+    unsigned char *stl = calloc(1, BYTES);
+    const uint32_t facets = FACETS;
+    memcpy(stl + 80, &facets, 4);
+    for (uint32_t t = 0; t < FACETS; t++) {
+        float corner[9], x = (float)(random_u64(&state) % 70), y = (float)(random_u64(&state) % 70);
+        for (int i = 0; i < 9; i++)
+            corner[i] = i % 3 == 2 ? 0 : (i % 3 ? y : x) + (float)(random_u64(&state) % 2);
+        if (random_u64(&state) % 500 == 0)
+            corner[4] = NAN;
+        memcpy(stl + 84 + 50 * t + 12, corner, sizeof corner);
+    }
+    write_file(stl, BYTES);
+    free(stl);
+    check_file(path, NULL);
+    check_file(path, &apart); /* welded all the same */
+}
+END_TEST
+
+/* ---- real and made ones ------------------------------------------------------------------------
+ */
+
+START_TEST(real_meshes) {
+    static const char *const names[] = {"teapot.obj", "fandisk.obj", "bunny.obj", "beetle-alt.obj",
+                                        "armadillo.obj"};
+    const char *name = real_mesh(names[_i]);
+    if (name != NULL)
+        check_file(name, NULL);
+}
+END_TEST
+
+/* Closed and manifold: no edge is anything else, and neighbours are near each other. */
+START_TEST(made_models) {
+    const mn_make_desc make = {.shape = (mn_shape)_i, .triangles = 60000};
+    mn_status st = {0};
+    mni_extmesh x;
+    ck_assert_int_eq(mn_make(path, &make, &st), MN_OK);
+    check_file(path, NULL);
+    ck_assert_int_eq(read_external(path, NULL, 1 << 20, &x, &st), MN_OK);
+    ck_assert_uint_eq(x.nonmanifold_edges, 0);
+    ck_assert_int_eq(x.boundary_edges > 0, _i == MN_SHAPE_TERRAIN);
+    mni_exttriangle *t = load(&x.triangle, sizeof *t, x.triangles);
+    uint64_t far = 0;
+    for (uint64_t i = 0; i < x.triangles; i++)
+        for (int c = 0; c < 3; c++) {
+            int64_t step = (int64_t)t[i].corner[c] - (int64_t)t[i].corner[(c + 1) % 3];
+            far += step > (int64_t)x.vertices / 20 || -step > (int64_t)x.vertices / 20;
+        }
+    ck_assert_uint_lt(far, 3 * x.triangles / 10);
+    free(t);
+    mni_extmesh_close(&x);
+}
+END_TEST
+
+/* ---- failures ------------------------------------------------------------------------------ */
+
+static int entries(void) {
+    int count = 0;
+    DIR *d = opendir(folder);
+    while (readdir(d) != NULL)
+        count++;
+    closedir(d);
+    return count - 2;
+}
+
+/* Files that may not grow past so much stand for a disk that is full: at every step once. */
+START_TEST(full_disks) {
+    const mn_make_desc make = {.shape = MN_SHAPE_SPHERE, .triangles = 30000};
+    mn_status st = {0};
+    mni_extmesh x;
+    struct rlimit old, small;
+    uint64_t failed = 0;
+    ck_assert_int_eq(mn_make(path, &make, &st), MN_OK);
+    getrlimit(RLIMIT_FSIZE, &old);
+    signal(SIGXFSZ, SIG_IGN);
+    for (rlim_t limit = 1000;; limit += limit / 4, failed++) {
+        small = (struct rlimit){.rlim_cur = limit, .rlim_max = old.rlim_max};
+        setrlimit(RLIMIT_FSIZE, &small);
+        mn_code code = read_external(path, NULL, MNI_EXTMESH_WORK_MIN, &x, &st);
+        setrlimit(RLIMIT_FSIZE, &old);
+        if (code == MN_OK)
+            break;
+        ck_assert_int_eq(code, MN_NO_SPACE);
+        ck_assert_ptr_nonnull(strstr(st.text, folder));
+        ck_assert_int_eq(x.vertex.fd, -1);
+        mni_extmesh_close(&x);
+    }
+    mni_extmesh_close(&x);
+    ck_assert_uint_gt(failed, 10);
+    ck_assert_int_eq(entries(), 1); /* the model */
+}
+END_TEST
+
+START_TEST(no_folder) {
+    const mni_extmesh_desc desc = {.work_bytes = 1 << 20, .temp_dir = "/nowhere/at/all"};
+    mn_status st = {0};
+    mni_extmesh x;
+    write_file(TRIANGLE, sizeof TRIANGLE - 1);
+    ck_assert_int_eq(mni_extmesh_read(path, NULL, &desc, &x, &st), MN_FAILED);
+    ck_assert_ptr_nonnull(strstr(st.text, "/nowhere/at/all"));
+}
+END_TEST
+
+int main(void) {
+    const char *given = getenv("MN_SEED");
+    seed = given != NULL ? strtoull(given, NULL, 10) : (uint64_t)getpid();
+    printf("MN_SEED=%llu\n", (unsigned long long)seed);
+    if (mkdtemp(folder) == NULL)
+        return 1;
+    snprintf(path, sizeof path, "%s/mesh", folder);
+    Suite *suite = suite_create("extmesh");
+    TCase *tc = tcase_create("extmesh");
+    tcase_set_timeout(tc, 60);
+    tcase_add_loop_test(tc, every_rule, 0, 16);
+    tcase_add_test(tc, there_is_no_file);
+    tcase_add_loop_test(tc, random_meshes, 0, 8);
+    tcase_add_test(tc, soups);
+    tcase_add_loop_test(tc, real_meshes, 0, 5);
+    tcase_add_loop_test(tc, made_models, 0, 3);
+    tcase_add_test(tc, full_disks);
+    tcase_add_test(tc, no_folder);
+    suite_add_tcase(suite, tc);
+    const int failed = suite_run(suite);
+    unlink(path);
+    rmdir(folder);
+    return failed;
+}
