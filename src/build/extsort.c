@@ -144,7 +144,7 @@ static uint64_t way_bytes(void) {
 
 /* Of buffers, for so many ways and the writer. */
 static uint64_t buffers_bytes(uint64_t work_bytes, uint32_t ways) {
-    uint64_t own = ways * way_bytes() + 4 * sizeof(uint64_t);
+    uint64_t own = ways * way_bytes() + 2 * ALIGN;
     return work_bytes > own ? (work_bytes - own) / (ways + 1) : 0;
 }
 
@@ -409,8 +409,8 @@ static void merge_open(mni_sort *s, uint32_t first, uint32_t ways) {
     at += ways * sizeof *m->reader;
     m->loser = (uint32_t *)(void *)at;
     at += ways * sizeof *m->loser;
-    m->buffer = at;
-    MN_ASSERT(at + (ways + 1) * m->buffer_bytes <= s->work + s->work_bytes);
+    m->buffer = at + (ALIGN - (uintptr_t)at % ALIGN) % ALIGN;
+    MN_ASSERT(m->buffer + (ways + 1) * m->buffer_bytes <= s->work + s->work_bytes);
     for (uint32_t i = 0; i < ways; i++) {
         const run *r = &s->run[first + i];
         mni_spill_reader_open(&m->reader[i], &s->spill, r->from, r->from + r->bytes,

@@ -51,8 +51,8 @@ void mni_sort_put(mni_sort *sort, const void *record);
 /* Until there are few enough runs for one merge. MN_NO_SPACE: the temporary files filled the disk.
  */
 mn_code mni_sort_finish(mni_sort *sort, mn_status *st);
-/* In order; the record stays where it is until the next call. NULL: that was all, or *st says why
- * not. */
+/* In order; the record stays where it is until the next call, aligned as its size allows (to 8
+ * where that is a multiple of 8). NULL: that was all, or *st says why not. */
 const void *mni_sort_next(mni_sort *sort, mn_status *st);
 mni_sort_figures mni_sort_figures_get(const mni_sort *sort);
 /* At any time; NULL is harmless. */
