@@ -6,7 +6,7 @@
  * was)
  *                                               << 1 | whether the largest came right after it
  *
- * Their edges are sorted once more, for what is counted of them. Which places are used is a bit
+ * Which places are used is a bit
  * each; with how many are before each eighth word of bits, that renumbers them.
  *
  * Secret: the packing, the bits. One thread. (design.md §3.1, §3.3) */
@@ -27,11 +27,6 @@ typedef struct packed {
     uint64_t high, low;
 } packed;
 
-typedef struct edge {
-    uint64_t ends;     /* smaller vertex << 32 | larger << 1 | runs from larger to smaller */
-    uint32_t triangle; /* its number */
-} __attribute__((packed, aligned(4))) edge;
-
 bool mni_ext_faces_open(mni_extintake *x) {
     uint64_t words = x->places / 64 + 1, ranks = words / MNI_EXT_RANK_WORDS + 1;
     uint64_t bytes = words * sizeof *x->used + ranks * sizeof *x->used_before;
@@ -51,7 +46,7 @@ bool mni_ext_faces_open(mni_extintake *x) {
         return false;
     }
     x->used_before = (uint32_t *)(void *)(x->used + words);
-    return mni_ext_sort_open(x, &x->triangle_sort, sizeof(packed), MNI_SORT_U128);
+    return mni_ext_sort_open(x, &x->triangle_sort, sizeof(packed), MNI_SORT_U128, MNI_EXT_QUARTER);
 }
 
 /* ---- one by one ------------------------------------------------------------------------------ */
@@ -119,15 +114,6 @@ static uint32_t vertex_of(const mni_extintake *x, uint32_t place) {
 /* ---- all of them -------------------------------------------------------------------------------
  */
 
-static void put_edges(mni_extintake *x, const mni_exttriangle *t) {
-    for (int i = 0; i < 3; i++) {
-        uint32_t a = t->corner[i], b = t->corner[(i + 1) % 3];
-        uint64_t low = a < b ? a : b, high = a < b ? b : a;
-        edge e = {low << 32 | high << 1 | (a > b), t->number};
-        mni_sort_put(x->edge_sort, &e);
-    }
-}
-
 static bool write_triangles(mni_extintake *x) {
     mni_spill_writer w;
     const packed *p;
@@ -146,44 +132,11 @@ static bool write_triangles(mni_extintake *x) {
         for (int i = 0; i < 3; i++)
             t.corner[i] = vertex_of(x, t.corner[i]);
         mni_spill_put(&w, &t, sizeof t);
-        put_edges(x, &t);
+        mni_ext_edges_add(x, &t);
         x->result.triangles++;
     }
     mni_spill_end(&w);
     return x->st->code == MN_OK && mni_ext_spill_good(x, &x->result.triangle);
-}
-
-/* Of an edge that went by: `uses` triangles, `straight` of them from its smaller vertex. */
-static void count_edge(mni_extintake *x, uint64_t uses, uint64_t straight) {
-    x->result.boundary_edges += uses == 1;
-    x->result.nonmanifold_edges += uses > 2 || (uses == 2 && straight != 1);
-}
-
-/* Of the triangles that use a directed edge, all but the first of the input are misoriented; each
- * of them goes to the flags, as often as it is. */
-static bool look_at_edges(mni_extintake *x) {
-    const edge *e;
-    uint64_t ends = UINT64_MAX, uses = 0, straight = 0;
-    uint32_t first = 0;
-    while ((e = mni_sort_next(x->edge_sort, x->st)) != NULL) {
-        if (uses > 0 && e->ends >> 1 != ends >> 1) {
-            count_edge(x, uses, straight);
-            uses = straight = 0;
-        }
-        if (uses > 0 && e->ends == ends) {
-            uint32_t later = e->triangle > first ? e->triangle : first;
-            first = e->triangle > first ? first : e->triangle;
-            mni_sort_put(x->flag_sort, &later);
-        } else {
-            first = e->triangle;
-        }
-        ends = e->ends;
-        uses++;
-        straight += !(ends & 1);
-    }
-    if (uses > 0)
-        count_edge(x, uses, straight);
-    return x->st->code == MN_OK;
 }
 
 /* Different records, by all of their bytes. */
@@ -199,16 +152,6 @@ static bool count_different(mni_extintake *x, mni_sort *sort, size_t bytes, uint
         memcpy(before, record, bytes);
     }
     return x->st->code == MN_OK;
-}
-
-static bool count_edges(mni_extintake *x) {
-    bool ok = mni_sort_finish(x->edge_sort, x->st) == MN_OK &&
-              mni_ext_sort_open(x, &x->flag_sort, sizeof(uint32_t), MNI_SORT_U32) &&
-              look_at_edges(x) &&
-              count_different(x, x->flag_sort, sizeof(uint32_t), &x->counts.misoriented_faces);
-    mni_ext_sort_close(x, &x->edge_sort);
-    mni_ext_sort_close(x, &x->flag_sort);
-    return ok;
 }
 
 /* ---- vertices ----------------------------------------------------------------------------------
@@ -263,8 +206,9 @@ static bool write_vertices(mni_extintake *x, bool exact) {
     mni_spill_reader r;
     mni_spill_writer w;
     mni_ext_wide v;
-    if (!exact && (!mni_ext_sort_open(x, &floats, 16, MNI_SORT_U128) ||
-                   (x->apart && !mni_ext_sort_open(x, &doubles, 16, MNI_SORT_U128)))) {
+    if (!exact &&
+        (!mni_ext_sort_open(x, &floats, 16, MNI_SORT_U128, MNI_EXT_QUARTER) ||
+         (x->apart && !mni_ext_sort_open(x, &doubles, 16, MNI_SORT_U128, MNI_EXT_QUARTER)))) {
         mni_ext_sort_close(x, &floats);
         return false;
     }
@@ -317,8 +261,10 @@ bool mni_ext_faces_finish(mni_extintake *x) {
     if (!mni_intake_any_left(&x->counts, x->vertices, x->result.vertices, x->name, x->st))
         return false; /* no vertex is used, so no triangle is left */
     bool ok = mni_ext_spill_open(x, &x->result.triangle) &&
-              mni_sort_finish(x->triangle_sort, x->st) == MN_OK &&
-              mni_ext_sort_open(x, &x->edge_sort, sizeof(edge), MNI_SORT_U64) && write_triangles(x);
+              mni_sort_finish(x->triangle_sort, x->st) == MN_OK && mni_ext_edges_open(x) &&
+              write_triangles(x);
     mni_ext_sort_close(x, &x->triangle_sort);
-    return ok && count_edges(x) && finish_vertices(x);
+    ok = ok && mni_ext_edges_finish(x);
+    mni_ext_edges_close(x);
+    return ok && finish_vertices(x);
 }

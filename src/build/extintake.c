@@ -11,15 +11,16 @@
 #include "assert.h"
 #include "reader.h"
 
-enum { SORT_SHARE = 4, BUFFERS_SHARE = 8, BUFFER_BYTES_MAX = 1 << 20 };
+enum { BUFFERS_SHARE = 8, BUFFER_BYTES_MAX = 1 << 20 };
 
 /* A multiple of all records that are read or written here: 4, 12, 16, 20, 32 bytes. */
 #define BUFFER_UNIT 480
 
-bool mni_ext_sort_open(mni_extintake *x, mni_sort **sort, uint32_t record_bytes, mni_sort_key key) {
+bool mni_ext_sort_open(mni_extintake *x, mni_sort **sort, uint32_t record_bytes, mni_sort_key key,
+                       mni_ext_share share) {
     const mni_sort_desc desc = {.record_bytes = record_bytes,
                                 .key = key,
-                                .budget_bytes = x->desc.work_bytes / SORT_SHARE,
+                                .budget_bytes = x->desc.work_bytes / share,
                                 .temp_dir = x->desc.temp_dir};
     return mni_sort_open(sort, &desc, x->st) == MN_OK;
 }
@@ -95,12 +96,12 @@ void mni_extintake_close(mni_extintake *x) {
     if (x == NULL)
         return;
     mni_spill *spills[] = {&x->narrow, &x->wide, &x->corners, &x->placed};
-    mni_sort **sorts[] = {&x->map_sort, &x->corner_sort, &x->triangle_sort, &x->edge_sort,
-                          &x->flag_sort};
+    mni_sort **sorts[] = {&x->map_sort, &x->corner_sort, &x->triangle_sort};
     for (size_t i = 0; i < sizeof spills / sizeof spills[0]; i++)
         mni_spill_close(spills[i]);
     for (size_t i = 0; i < sizeof sorts / sizeof sorts[0]; i++)
         mni_sort_close(*sorts[i]);
+    mni_ext_edges_close(x);
     mni_extmesh_close(&x->result);
     free(x->map);
     free(x->used);

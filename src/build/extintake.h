@@ -1,5 +1,6 @@
 /* The intake of meshes larger than memory, between its files: extintake.c takes what readers push
- * and keeps the order of the steps, extnumber.c numbers vertices, extfaces.c judges triangles.
+ * and keeps the order of the steps, extnumber.c numbers vertices, extfaces.c judges triangles,
+ * extedges.c counts edges.
  *
  *   pushed ─► narrow, wide: vertices as they came      corners: triangles as they came
  *                    │ sort by place                      │
@@ -7,7 +8,7 @@
  *              placed: one vertex a place ── map ──► corners by their places' numbers
  *                                                         │ reject, sort by corners, reject twins
  *                                                         ▼
- *              used ones only ──► vertex              triangle ──► edges, sorted: counts
+ *              used ones only ──► vertex              triangle ──► edges, swept: counts
  *
  * Memory, in shares of work_bytes: a sort takes a quarter, and three are open at most; the map,
  * where it fits half, saves two of them; a bit (and a bit) a place an eighth, buffers an eighth.
@@ -20,6 +21,7 @@
 #include "mem.h"
 
 typedef struct mni_extintake mni_extintake;
+typedef struct mni_ext_edges mni_ext_edges;
 
 /* What a reader pushes; as mni_intake_…, which hand it on. */
 mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_desc *read, bool soup,
@@ -62,7 +64,8 @@ struct mni_extintake {
     /* triangles */
     uint64_t *used;        /* a bit a place */
     uint32_t *used_before; /* for each MNI_EXT_RANK_WORDS words of them */
-    mni_sort *triangle_sort, *edge_sort, *flag_sort;
+    mni_sort *triangle_sort;
+    mni_ext_edges *edges;
 
     mn_intake counts;
     mni_extmesh result;
@@ -86,7 +89,9 @@ static inline bool mni_ext_is_wide(const mni_extintake *x) {
     return x->narrow_vertices < x->vertices;
 }
 
-bool mni_ext_sort_open(mni_extintake *x, mni_sort **sort, uint32_t record_bytes, mni_sort_key key);
+typedef enum mni_ext_share { MNI_EXT_QUARTER = 4, MNI_EXT_EIGHTH = 8 } mni_ext_share;
+bool mni_ext_sort_open(mni_extintake *x, mni_sort **sort, uint32_t record_bytes, mni_sort_key key,
+                       mni_ext_share share);
 /* Adds up what it moved, and closes it. */
 void mni_ext_sort_close(mni_extintake *x, mni_sort **sort);
 bool mni_ext_spill_open(mni_extintake *x, mni_spill *spill);
@@ -101,6 +106,11 @@ bool mni_ext_place_triangles(mni_extintake *x);
 bool mni_ext_faces_open(mni_extintake *x);
 /* A triangle of places, or with MN_NONE; number: in the input. */
 void mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number);
+/* Edges of the triangles that are kept, in their order, and what is counted of them. */
+bool mni_ext_edges_open(mni_extintake *x);
+void mni_ext_edges_add(mni_extintake *x, const mni_exttriangle *t);
+bool mni_ext_edges_finish(mni_extintake *x);
+void mni_ext_edges_close(mni_extintake *x);
 /* Twins go, the rest is written; then the vertices that it uses. */
 bool mni_ext_faces_finish(mni_extintake *x);
 

@@ -72,7 +72,7 @@ static bool map_vertex(mni_extintake *x, uint32_t number, uint32_t place) {
 static bool open_map(mni_extintake *x) {
     uint64_t bytes = x->vertices * sizeof *x->map;
     if (bytes > x->desc.work_bytes / MAP_SHARE)
-        return mni_ext_sort_open(x, &x->map_sort, sizeof(pair), MNI_SORT_U32);
+        return mni_ext_sort_open(x, &x->map_sort, sizeof(pair), MNI_SORT_U32, MNI_EXT_QUARTER);
     x->map = malloc(bytes + 1);
     if (x->map == NULL)
         mn_fail(x->st, MN_FAILED, "%s: no memory", x->name);
@@ -171,8 +171,9 @@ bool mni_ext_place_vertices(mni_extintake *x) {
     mni_sort *sort = NULL;
     uint32_t bytes = (uint32_t)(mni_ext_is_wide(x) ? WIDE_BYTES : NARROW_BYTES);
     bool ok = open_map(x) && mni_ext_spill_open(x, &x->placed) &&
-              mni_ext_sort_open(x, &sort, bytes, MNI_SORT_U128) && sort_vertices(x, sort) &&
-              mni_sort_finish(sort, x->st) == MN_OK && weld_sorted(x, sort);
+              mni_ext_sort_open(x, &sort, bytes, MNI_SORT_U128, MNI_EXT_QUARTER) &&
+              sort_vertices(x, sort) && mni_sort_finish(sort, x->st) == MN_OK &&
+              weld_sorted(x, sort);
     mni_ext_sort_close(x, &sort);
     x->counts.welded_vertices = x->vertices - x->nonfinite - x->places;
     return ok;
@@ -206,7 +207,7 @@ static bool sort_corners(mni_extintake *x) {
     mni_spill_reader r;
     const uint32_t *corner;
     uint32_t number = 0;
-    if (!mni_ext_sort_open(x, &x->corner_sort, sizeof(pair), MNI_SORT_U32))
+    if (!mni_ext_sort_open(x, &x->corner_sort, sizeof(pair), MNI_SORT_U32, MNI_EXT_QUARTER))
         return false;
     read_corners(x, &r);
     while ((corner = mni_spill_take(&r, sizeof *corner)) != NULL) {
@@ -237,7 +238,8 @@ static bool triangles_by_sorts(mni_extintake *x) {
         return false;
     if (!x->soup) {
         mni_sort *back = NULL;
-        bool ok = sort_corners(x) && mni_ext_sort_open(x, &back, sizeof(pair), MNI_SORT_U32) &&
+        bool ok = sort_corners(x) &&
+                  mni_ext_sort_open(x, &back, sizeof(pair), MNI_SORT_U32, MNI_EXT_QUARTER) &&
                   join(x, back);
         mni_ext_sort_close(x, &x->corner_sort);
         mni_ext_sort_close(x, &x->map_sort);

@@ -78,7 +78,33 @@ static void compare_vertices(const mn_mesh *mesh, const mni_extvertex *v, uint32
     free(order);
 }
 
+static int by_value(const void *a, const void *b) {
+    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* Edges with one triangle, and those with others than two that run against each other. */
+static void compare_edges(const mn_mesh *mesh, const mni_extmesh *x) {
+    uint64_t n = 3 * (uint64_t)mesh->triangles, *edge = malloc(8 * n), boundary = 0,
+             nonmanifold = 0;
+    for (uint64_t i = 0; i < n; i++) {
+        uint64_t a = mesh->corner[i], b = mesh->corner[i / 3 * 3 + (i + 1) % 3];
+        edge[i] = a < b ? a << 32 | b << 1 : b << 32 | a << 1 | 1;
+    }
+    qsort(edge, n, 8, by_value);
+    for (uint64_t i = 0, uses, back; i < n; i += uses) {
+        for (uses = back = 0; i + uses < n && edge[i + uses] >> 1 == edge[i] >> 1; uses++)
+            back += edge[i + uses] & 1;
+        boundary += uses == 1;
+        nonmanifold += uses > 2 || (uses == 2 && back != 1);
+    }
+    free(edge);
+    ck_assert_uint_eq(x->boundary_edges, boundary);
+    ck_assert_uint_eq(x->nonmanifold_edges, nonmanifold);
+}
+
 static void compare(const mn_mesh *mesh, mni_extmesh *x) {
+    compare_edges(mesh, x);
     ck_assert_mem_eq(&x->intake, &mesh->intake, sizeof mesh->intake);
     ck_assert_mem_eq(x->origin, mesh->origin, sizeof mesh->origin);
     ck_assert_uint_eq(x->vertices, mesh->vertices);
