@@ -37,7 +37,11 @@ uint64_t mni_block_layout(mni_block *view, const uint8_t *payload) {
     view->exit_rows = view->node_rows + mni_row_bytes(view->nodes, view->node_bits);
     view->subtree_rows = view->exit_rows + mni_row_bytes(view->exits, view->exit_bits);
     view->more_rows = view->subtree_rows + mni_row_bytes(view->subtrees, view->subtree_bits);
-    return (uint64_t)(view->more_rows - payload) + mni_row_bytes(view->more, view->simplex_bits);
+    view->far_rows = view->more_rows + mni_row_bytes(view->more, view->simplex_bits);
+    memcpy(&view->far, payload + MNI_HEAD_FAR, sizeof view->far);
+    view->near = 1u << (head[4] >> 8 & 31);
+    view->far_bits = head[4] >> 16 & 63;
+    return (uint64_t)(view->far_rows - payload) + mni_row_bytes(view->far, view->far_bits);
 }
 
 void mni_block_reopen(mni_block *view, const void *bytes) {
@@ -213,24 +217,24 @@ bool mni_facts_equal(const mni_facts *a, const mni_facts *b) {
 /* ---- simplices ------------------------------------------------------------------------------ */
 
 /* The simplex at bit `at`; edges: from FIELD_TURN on. Turn and first number have 33 bits at most.
- */
-static inline void get_corners(const uint8_t *edges, const uint8_t *rows, uint64_t at,
-                               uint32_t third_base, uint32_t lo, uint32_t mid, uint32_t corner[3]) {
+ * Returns what says where the third corner is. */
+static inline uint32_t get_corners(const uint8_t *edges, const uint8_t *rows, uint64_t at,
+                                   uint32_t lo, uint32_t mid, uint32_t corner[2]) {
     uint16_t edge[FIELD_SIMPLEX_END + 1 - FIELD_TURN];
     memcpy(edge, edges, sizeof edge);
     uint64_t word = mni_bits_at(rows, at);
-    uint32_t turn = word & 1, third;
+    uint32_t turn = word & 1;
     uint32_t a = (uint32_t)(word >> 1 & ((UINT64_C(1) << (edge[2] - 1)) - 1));
     uint64_t rest = edge[3] <= 57 ? word >> edge[2] : mni_bits_at(rows, at + edge[2]);
     uint32_t b = (uint32_t)(rest & ((UINT64_C(1) << (edge[3] - edge[2])) - 1));
-    third = third_base + mni_bits_get(rows, at + edge[3], (uint32_t)(edge[4] - edge[3]));
     corner[0] = turn ? mid + b : lo + a;
     corner[1] = turn ? lo + a : mid + b;
-    corner[2] = third == MNI_BIAS ? MN_NONE : mid + (third - MNI_BIAS);
+    return mni_bits_get(rows, at + edge[3], (uint32_t)(edge[4] - edge[3]));
 }
 
-void mni_block_simplex(const mni_block *view, const mni_node *node, uint32_t i,
-                       uint32_t corner[3]) {
+/* First two corners, and what stands in the place of the third. */
+static inline uint32_t get_simplex(const mni_block *view, const mni_node *node, uint32_t i,
+                                   uint32_t corner[2]) {
     MN_ASSERT(i < node->simplex_count);
     const uint8_t *rows = view->node_rows;
     uint64_t at = (uint64_t)node->row * view->node_bits + mni_edge(view->edge, FIELD_NODE_END) +
@@ -239,15 +243,30 @@ void mni_block_simplex(const mni_block *view, const mni_node *node, uint32_t i,
         rows = view->more_rows;
         at = (uint64_t)(node->more + i - MNI_INLINE) * view->simplex_bits;
     }
-    get_corners(view->edge + 2 * (size_t)FIELD_TURN, rows, at, mni_base(view->base, BASE_THIRD),
-                node->at.leaf_lo, node->leaf_mid, corner);
+    return get_corners(view->edge + 2 * (size_t)FIELD_TURN, rows, at, node->at.leaf_lo,
+                       node->leaf_mid, corner);
+}
+
+uint32_t mni_block_third(const mni_block *view, const mni_node *node, uint32_t i) {
+    uint32_t corner[2];
+    return get_simplex(view, node, i, corner);
+}
+
+void mni_block_simplex(const mni_block *view, const mni_node *node, uint32_t i,
+                       uint32_t corner[3]) {
+    uint32_t third = get_simplex(view, node, i, corner);
+    if (third >= view->near)
+        third = mni_bits_get(view->far_rows, (uint64_t)(third - view->near) * view->far_bits,
+                             view->far_bits);
+    corner[2] = mni_third_of(third, node->at.leaf_lo, node->at.leaf_hi);
 }
 
 void mni_overflow_simplex(const mni_overflow *view, uint32_t simplex, uint32_t corner[3]) {
     MN_ASSERT(simplex < view->simplices);
     uint64_t bits = mni_edge(view->edge, FIELD_SIMPLEX_END - FIELD_TURN);
-    get_corners(view->edge, view->rows, simplex * bits, mni_base(view->base, 0), view->leaf_lo,
-                view->leaf_mid, corner);
+    uint32_t third =
+        get_corners(view->edge, view->rows, simplex * bits, view->leaf_lo, view->leaf_mid, corner);
+    corner[2] = mni_third_of(third, view->leaf_lo, view->leaf_hi);
 }
 
 /* ---- all of a block ------------------------------------------------------------------------- */

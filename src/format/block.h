@@ -97,7 +97,8 @@ typedef struct mni_block {
     float step; /* of the grid of positions */
     uint32_t node_bits, exit_bits, subtree_bits, simplex_bits;
     const uint8_t *base, *edge;
-    const uint8_t *node_rows, *exit_rows, *subtree_rows, *more_rows;
+    const uint8_t *node_rows, *exit_rows, *subtree_rows, *more_rows, *far_rows;
+    uint32_t near, far, far_bits; /* third corners: see block_layout.h */
 } mni_block;
 
 /* Bounds that a block of this file must respect. */
@@ -151,7 +152,7 @@ bool mni_walk_next(mni_walk *walk, uint32_t *node, mni_node *out);
 typedef struct mni_overflow {
     uint32_t order, leaf_lo, leaf_mid, leaf_hi; /* of the node whose simplices these are */
     uint32_t simplices;
-    const uint8_t *base, *edge, *rows; /* private */
+    const uint8_t *edge, *rows; /* private */
 } mni_overflow;
 /* As mni_block_open. The caller compares order and interval with the node's. */
 bool mni_overflow_open(mni_overflow *view, const void *bytes, uint32_t length_bytes,
@@ -162,13 +163,14 @@ void mni_overflow_simplex(const mni_overflow *view, uint32_t simplex, uint32_t c
 
 /* What a block would take: counts and the range of each field. Adding is exact and cheap, so a
  * filler copies a tally, adds, and keeps the copy if it fits. */
-enum { MNI_TALLY_RANGES = 20 };
+enum { MNI_TALLY_RANGES = 19, MNI_TALLY_LENGTHS = 33 };
 typedef struct mni_tally {
     uint32_t nodes, subtrees, exits, more;
     bool has_colors, has_overflow;
     float step; /* of the grid of positions */
     uint32_t min[MNI_TALLY_RANGES], max[MNI_TALLY_RANGES];
-    uint32_t leaf_lo, leaf_mid; /* of the last node */
+    uint32_t third[MNI_TALLY_LENGTHS];   /* third corners by the bits of their codes */
+    uint32_t leaf_lo, leaf_mid, leaf_hi; /* of the last node */
 } mni_tally;
 /* grid_step: of the tree. */
 void mni_tally_init(mni_tally *tally, bool has_colors, float grid_step);
@@ -188,9 +190,9 @@ uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs);
 typedef struct mni_encoder {
     mni_block view;
     mni_tally tally;
-    uint32_t nodes, subtrees, exits, more; /* written so far */
-    mni_node last;                         /* node; simplex_count: how many are still to come */
-    uint32_t placed;                       /* of its simplices */
+    uint32_t nodes, subtrees, exits, more, far; /* written so far */
+    mni_node last;   /* node; simplex_count: how many are still to come */
+    uint32_t placed; /* of its simplices */
 } mni_encoder;
 void mni_encoder_begin(mni_encoder *encoder, void *bytes, uint32_t length_bytes,
                        const mni_tally *tally, uint32_t refs);

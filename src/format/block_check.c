@@ -24,7 +24,7 @@ typedef struct checker {
     const mni_block *view;
     const mni_block_limits *limits;
     uint32_t refs;
-    uint32_t next_node, next_exit, next_more;
+    uint32_t next_node, next_exit, next_more, next_far;
     uint32_t waiting;
     expected stack[MNI_BLOCK_DEPTH_MAX + 2];
     char *why;
@@ -112,7 +112,13 @@ static bool check_simplices(checker *c, const expected *from, const mni_node *no
     uint32_t more = node->simplex_count > MNI_INLINE ? node->simplex_count - MNI_INLINE : 0;
     c->next_more += more;
     for (uint32_t i = 0; i < node->simplex_count; i++) {
-        uint32_t corner[3];
+        uint32_t corner[3], third = mni_block_third(c->view, node, i);
+        if (third >= c->view->near) {
+            if (third - c->view->near != c->next_far || c->next_far == c->view->far)
+                return FAIL(c, "node %u: simplex %u: its third corner is in no far row", from->node,
+                            i);
+            c->next_far++;
+        }
         mni_block_simplex(c->view, node, i, corner);
         if (!simplex_ok(corner, from->lo, node->leaf_mid, from->hi, c->limits->leaves))
             return FAIL(c, "node %u: simplex %u (%u %u %u) is not killed there", from->node, i,
@@ -257,7 +263,8 @@ static bool check_head(const uint8_t *payload, const mni_block_limits *limits, c
     float step;
     memcpy(&flags, payload + 16, sizeof flags);
     memcpy(&step, payload + MNI_HEAD_STEP, sizeof step);
-    if (flags != (limits->has_colors ? MNI_FLAG_COLORS : 0))
+    uint32_t colors = limits->has_colors ? MNI_FLAG_COLORS : 0;
+    if ((flags & 255) != colors || (flags >> 8 & 255) > 31 || flags >> 16 > 32)
         return fail(why, why_bytes, "flags %x", flags);
     if (!(step == limits->grid_step))
         return fail(why, why_bytes, "a grid of %g, the file's is %g", step, limits->grid_step);
@@ -278,11 +285,13 @@ static bool check_layout(mni_block *view, const uint8_t *payload, uint64_t room,
         return fail(why, why_bytes, "no room for a block's head");
     if (!check_head(payload, limits, why, why_bytes))
         return false;
-    uint32_t count[4];
+    uint32_t count[4], far;
     memcpy(count, payload, sizeof count);
+    memcpy(&far, payload + MNI_HEAD_FAR, sizeof far);
     /* before they are multiplied; distinct simplices take a bit each: bounds the work */
     if (count[0] == 0 || count[0] > MNI_BLOCK_NODES_MAX || count[1] == 0 || count[1] > count[0] ||
-        count[2] > count[0] + count[1] || count[2] > MNI_BLOCK_EXITS_MAX || count[3] > 8 * room)
+        count[2] > count[0] + count[1] || count[2] > MNI_BLOCK_EXITS_MAX || count[3] > 8 * room ||
+        far > 8 * room)
         return fail(why, why_bytes, "%u nodes, %u subtrees, %u exits, %u more simplices", count[0],
                     count[1], count[2], count[3]);
     uint64_t end = mni_block_layout(view, payload);
@@ -321,10 +330,11 @@ bool mni_block_open(mni_block *view, const void *bytes, uint32_t length_bytes,
     for (uint32_t i = 0; i < view->subtrees; i++)
         if (!check_subtree(&c, i))
             return false;
-    if (c.next_node != view->nodes || c.next_exit != view->exits || c.next_more != view->more)
+    if (c.next_node != view->nodes || c.next_exit != view->exits || c.next_more != view->more ||
+        c.next_far != view->far)
         return fail(why, why_bytes,
-                    "%u nodes, %u exits, %u more simplices where the head says more", c.next_node,
-                    c.next_exit, c.next_more);
+                    "%u nodes, %u exits, %u more simplices, %u far where the head says more",
+                    c.next_node, c.next_exit, c.next_more, c.next_far);
     return true;
 }
 
@@ -349,7 +359,6 @@ bool mni_overflow_open(mni_overflow *view, const void *bytes, uint32_t length_by
         view->leaf_hi > limits->leaves || view->simplices == 0 || view->simplices > 8 * room)
         return fail(why, why_bytes, "overflow of node %u, leaves [%u, %u, %u), %u simplices",
                     view->order, view->leaf_lo, view->leaf_mid, view->leaf_hi, view->simplices);
-    view->base = payload + MNI_OVERFLOW_BASE;
     view->edge = payload + MNI_OVERFLOW_EDGE;
     view->rows = payload + MNI_OVERFLOW_HEAD_BYTES;
     if (mni_edge(view->edge, 0) != 0 ||

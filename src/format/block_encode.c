@@ -23,7 +23,7 @@ void mni_tally_init(mni_tally *tally, bool has_colors, float grid_step) {
 
 /* ---- values to numbers ---------------------------------------------------------------------- */
 
-enum { FACTS = BASE_DELTA, PLACES = BASE_THIRD - BASE_DELTA, SIMPLEX_FIELDS = 4 };
+enum { FACTS = BASE_DELTA, PLACES = BASE_LO - BASE_DELTA, SIMPLEX_FIELDS = 4 };
 
 static void fact_numbers(const mni_facts *facts, uint32_t number[FACTS]) {
     number[BASE_ORDER] = facts->order;
@@ -46,13 +46,13 @@ static void place_numbers(const mni_node *node, bool has_colors, float step,
 }
 
 /* In the order of the fields. */
-static void corner_numbers(const uint32_t corner[3], uint32_t lo, uint32_t mid,
+static void corner_numbers(const uint32_t corner[3], uint32_t lo, uint32_t mid, uint32_t hi,
                            uint32_t number[SIMPLEX_FIELDS]) {
     uint32_t turn = corner[0] >= mid;
     number[0] = turn;
     number[1] = corner[turn] - lo;
     number[2] = corner[1 - turn] - mid;
-    number[3] = corner[2] == MN_NONE ? MNI_BIAS : corner[2] - mid + MNI_BIAS;
+    number[3] = mni_third_code(corner[2], lo, hi);
 }
 
 /* ---- the tally ------------------------------------------------------------------------------ */
@@ -96,13 +96,14 @@ void mni_tally_node(mni_tally *tally, const mni_node *node) {
     tally->has_overflow |= node->overflow_ref != MN_NONE;
     tally->leaf_lo = node->at.leaf_lo;
     tally->leaf_mid = node->leaf_mid;
+    tally->leaf_hi = node->at.leaf_hi;
 }
 
 void mni_tally_simplex(mni_tally *tally, const uint32_t corner[3]) {
     uint32_t number[SIMPLEX_FIELDS];
-    corner_numbers(corner, tally->leaf_lo, tally->leaf_mid, number);
+    corner_numbers(corner, tally->leaf_lo, tally->leaf_mid, tally->leaf_hi, number);
     widen(tally, RANGE_A, number + 1, 2);
-    widen(tally, BASE_THIRD, number + 3, 1);
+    tally->third[mni_bits(number[3])]++;
 }
 
 void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree) {
@@ -118,6 +119,8 @@ void mni_tally_merge(mni_tally *tally, const mni_tally *other) {
     tally->exits += other->exits;
     tally->more += other->more;
     tally->has_overflow |= other->has_overflow;
+    for (uint32_t bits = 0; bits < MNI_TALLY_LENGTHS; bits++)
+        tally->third[bits] += other->third[bits];
     for (uint32_t r = 0; r < RANGES; r++) {
         tally->min[r] = other->min[r] < tally->min[r] ? other->min[r] : tally->min[r];
         tally->max[r] = other->max[r] > tally->max[r] ? other->max[r] : tally->max[r];
@@ -136,14 +139,46 @@ static uint32_t edges_of(const uint32_t *width, uint32_t fields, uint32_t from, 
     return edge[fields];
 }
 
-static uint32_t simplex_edges(const mni_tally *t, uint16_t *edge) {
+static uint32_t simplex_edges(const mni_tally *t, uint32_t third, uint16_t *edge) {
     const uint32_t width[SIMPLEX_FIELDS] = {1, range_width(t, RANGE_A), range_width(t, RANGE_B),
-                                            range_width(t, BASE_THIRD)};
+                                            third};
     return edges_of(width, SIMPLEX_FIELDS, 0, edge);
 }
 
+/* Third corners: codes of up to `near` bits are near; so many are far, in rows of their own; and
+ * the width of the field that holds either. */
+typedef struct thirds {
+    uint32_t near, far, far_bits, width;
+} thirds;
+
+static uint32_t longest_third(const mni_tally *t) {
+    uint32_t bits = MNI_TALLY_LENGTHS - 1;
+    while (bits > 0 && t->third[bits] == 0)
+        bits--;
+    return bits;
+}
+
+/* The cut that takes the fewest bits. places: for third corners, also where there is none. */
+static thirds cut_thirds(const mni_tally *t, uint64_t places) {
+    uint32_t most = longest_third(t), near = most < 32 ? most : 31;
+    uint32_t far = most < 32 ? 0 : t->third[most];
+    thirds best = {0, 0, 0, 0};
+    uint64_t least = UINT64_MAX;
+    for (;; near--) {
+        uint32_t width = mni_bits((1u << near) - 1 + far);
+        uint64_t bits = width * places + (uint64_t)far * most;
+        if (bits < least) {
+            best = (thirds){near, far, most, width};
+            least = bits;
+        }
+        if (near == 0)
+            return best;
+        far += t->third[near];
+    }
+}
+
 /* Returns what the rows take. */
-static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS]) {
+static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS], thirds *third) {
     uint32_t node[FIELD_NODE_END];
     bool exits = t->exits > 0;
     for (uint32_t i = 0; i < FACTS; i++)
@@ -161,17 +196,20 @@ static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS]
     const uint32_t exit[] = {mni_bits(refs), mni_bits(t->exits)};
     const uint32_t subtree[] = {mni_bits(t->nodes), range_width(t, BASE_LO),
                                 range_width(t, RANGE_SIZE)};
-    uint32_t simplex_bits = simplex_edges(t, edge + FIELD_TURN);
+    *third = cut_thirds(t, MNI_INLINE * (uint64_t)t->nodes + t->more);
+    uint32_t simplex_bits = simplex_edges(t, third->width, edge + FIELD_TURN);
     uint32_t node_bits = edges_of(node, FIELD_NODE_END, 0, edge) + MNI_INLINE * simplex_bits;
     uint32_t exit_bits = edges_of(exit, 2, edge[FIELD_LEFT], edge + FIELD_REF);
     uint32_t subtree_bits = edges_of(subtree, 3, 0, edge + FIELD_NODE);
     return mni_row_bytes(t->nodes, node_bits) + mni_row_bytes(t->exits, exit_bits) +
-           mni_row_bytes(t->subtrees, subtree_bits) + mni_row_bytes(t->more, simplex_bits);
+           mni_row_bytes(t->subtrees, subtree_bits) + mni_row_bytes(t->more, simplex_bits) +
+           mni_row_bytes(third->far, third->far_bits);
 }
 
 uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs) {
     uint16_t edge[FIELDS];
-    return mni_frame_payload_at(refs) + MNI_HEAD_BYTES + lay_out(tally, refs, edge);
+    thirds third;
+    return mni_frame_payload_at(refs) + MNI_HEAD_BYTES + lay_out(tally, refs, edge, &third);
 }
 
 /* ---- the bytes ------------------------------------------------------------------------------ */
@@ -187,16 +225,19 @@ void mni_encoder_begin(mni_encoder *encoder, void *bytes, uint32_t length_bytes,
     memset(encoder, 0, sizeof *encoder);
     encoder->tally = *tally;
     uint8_t *payload = (uint8_t *)bytes + mni_frame_payload_at(refs);
-    uint32_t head[5] = {tally->nodes, tally->subtrees, tally->exits, tally->more,
-                        tally->has_colors ? MNI_FLAG_COLORS : 0};
     uint32_t base[BASES];
     uint16_t edge[FIELDS];
+    thirds third;
+    lay_out(tally, refs, edge, &third);
+    uint32_t head[5] = {tally->nodes, tally->subtrees, tally->exits, tally->more,
+                        (tally->has_colors ? MNI_FLAG_COLORS : 0) | third.near << 8 |
+                            third.far_bits << 16};
     for (uint32_t b = 0; b < BASES; b++)
         base[b] = base_of(tally, b);
-    lay_out(tally, refs, edge);
     memcpy(payload, head, sizeof head);
     memcpy(payload + MNI_HEAD_STEP, &tally->step, sizeof tally->step);
     memcpy(payload + MNI_HEAD_BASE, base, sizeof base);
+    memcpy(payload + MNI_HEAD_FAR, &third.far, sizeof third.far);
     memcpy(payload + MNI_HEAD_EDGE, edge, sizeof edge);
     mni_block_layout(&encoder->view, payload);
 }
@@ -273,8 +314,13 @@ void mni_encoder_simplex(mni_encoder *e, const uint32_t corner[3]) {
         rows = e->view.more_rows;
         at = (uint64_t)e->more++ * e->view.simplex_bits;
     }
-    corner_numbers(corner, e->last.at.leaf_lo, e->last.leaf_mid, number);
-    number[3] -= mni_base(e->view.base, BASE_THIRD);
+    corner_numbers(corner, e->last.at.leaf_lo, e->last.leaf_mid, e->last.at.leaf_hi, number);
+    if (number[3] >= e->view.near) {
+        MN_ASSERT(e->far < e->view.far && mni_bits(number[3]) <= e->view.far_bits);
+        mni_bits_put((uint8_t *)(uintptr_t)e->view.far_rows, (uint64_t)e->far * e->view.far_bits,
+                     number[3]);
+        number[3] = e->view.near + e->far++;
+    }
     put(edge, rows, at, 0, number, SIMPLEX_FIELDS);
 }
 
@@ -291,6 +337,7 @@ void mni_encoder_end(mni_encoder *e) {
     MN_ASSERT(e->subtrees == e->tally.subtrees);
     MN_ASSERT(e->exits == e->tally.exits);
     MN_ASSERT(e->more == e->tally.more);
+    MN_ASSERT(e->far == e->view.far);
     MN_ASSERT(e->placed == e->last.simplex_count);
 }
 
@@ -300,12 +347,13 @@ static void overflow_tally(mni_tally *tally, const mni_overflow *head) {
     mni_tally_init(tally, false, 0);
     tally->leaf_lo = head->leaf_lo;
     tally->leaf_mid = head->leaf_mid;
+    tally->leaf_hi = head->leaf_hi;
 }
 
 static uint64_t overflow_bytes(const mni_tally *t, uint32_t count, uint32_t refs) {
     uint16_t edge[SIMPLEX_FIELDS + 1];
     return mni_frame_payload_at(refs) + MNI_OVERFLOW_HEAD_BYTES +
-           mni_row_bytes(count, simplex_edges(t, edge));
+           mni_row_bytes(count, simplex_edges(t, longest_third(t), edge));
 }
 
 uint32_t mni_overflow_fit(const mni_overflow *head, const uint32_t *corner, uint32_t count,
@@ -339,16 +387,15 @@ uint32_t mni_overflow_encode(void *bytes, uint32_t length_bytes, uint32_t refs,
     MN_ASSERT(count > 0 && end + MNI_BLOCK_TAIL_BYTES <= length_bytes);
     memset(bytes, 0, length_bytes);
     uint8_t *payload = (uint8_t *)bytes + mni_frame_payload_at(refs);
-    uint32_t words[6] = {head->order,   head->leaf_lo, head->leaf_mid,
-                         head->leaf_hi, count,         base_of(&tally, BASE_THIRD)};
+    uint32_t words[5] = {head->order, head->leaf_lo, head->leaf_mid, head->leaf_hi, count};
     uint16_t edge[SIMPLEX_FIELDS + 1];
-    uint32_t row = simplex_edges(&tally, edge);
+    uint32_t row = simplex_edges(&tally, longest_third(&tally), edge);
     memcpy(payload, words, sizeof words);
     memcpy(payload + MNI_OVERFLOW_EDGE, edge, sizeof edge);
     for (uint32_t i = 0; i < count; i++) {
         uint32_t number[SIMPLEX_FIELDS];
-        corner_numbers(corner + 3 * (size_t)i, head->leaf_lo, head->leaf_mid, number);
-        number[3] -= words[5];
+        corner_numbers(corner + 3 * (size_t)i, head->leaf_lo, head->leaf_mid, head->leaf_hi,
+                       number);
         put(payload + MNI_OVERFLOW_EDGE, payload + MNI_OVERFLOW_HEAD_BYTES, (uint64_t)i * row, 0,
             number, SIMPLEX_FIELDS);
     }

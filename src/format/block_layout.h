@@ -2,11 +2,11 @@
  * (block.c), the checker (block_check.c) and the encoder (block_encode.c); nobody else.
  *
  *   head   0  nodes, subtrees, exits, more      4 × u32   more: simplices past two of a node
- *         16  flags                             u32       bit 0: colours
- *         20  step of the grid                  f32
- *         24  bases                             15 × u32
- *         84  edges                             33 × u16, then two bytes 0
- *        152  node rows | exit rows | subtree rows | more rows, each kind from a whole byte on
+ *         16  flags                             u32       bit 0: colours; bits 8 … 15, 16 … 23: see
+ * far 20  step of the grid                  f32 24  bases                             14 × u32 80
+ * far                               u32       third corners that are far away 84  edges 33 × u16,
+ * then two bytes 0 152  node rows | exit rows | subtree rows | more rows | far rows, each from a
+ * whole byte on
  *
  * Row i of a kind stands in bits [i × row, (i + 1) × row), least significant first; field f in bits
  * [edge f, edge f + 1) of its row. What belongs to a node lies in one or two lines of the cache:
@@ -15,6 +15,11 @@
  *   exit row     facts | ref | subtree
  *   subtree row  node | lo | size
  *   more row     simplex
+ *   far row      third corner
+ *
+ * Most third corners are near their node, but a field as wide as the farthest's would be twice as
+ * wide. So a field has room for codes of `near` bits (flags, bits 8 … 15), and greater values of it
+ * are numbers of far rows, whose width is in flags, bits 16 … 23.
  */
 #ifndef MNI_BLOCK_LAYOUT_H
 #define MNI_BLOCK_LAYOUT_H
@@ -30,10 +35,10 @@ enum {
     MNI_HEAD_BASE = 24,
     MNI_HEAD_EDGE = 84,
     MNI_HEAD_BYTES = 152,
+    MNI_HEAD_FAR = 80,
     MNI_FLAG_COLORS = 1,
-    MNI_OVERFLOW_BASE = 20,
-    MNI_OVERFLOW_EDGE = 24,
-    MNI_OVERFLOW_HEAD_BYTES = 36,
+    MNI_OVERFLOW_EDGE = 20,
+    MNI_OVERFLOW_HEAD_BYTES = 32,
     MNI_INLINE = 2, /* simplices in a node's own row: what nearly every collapse kills */
 };
 
@@ -60,7 +65,8 @@ enum mni_field_id {
     FIELD_TURN,  /* 0: its corner in the left child comes first; 1: that in the right child */
     FIELD_A,     /* corner in the left child - leaf_lo */
     FIELD_B,     /* corner in the right child - leaf_mid */
-    FIELD_THIRD, /* third corner - leaf_mid + 2^31; a hinge: 2^31 */
+    FIELD_THIRD, /* third corner: 2 (leaf_lo - corner), or 2 (corner - leaf_hi + 1) + 1; hinge: 0;
+                    or 2^near + the number of a far row that says so */
     FIELD_SIMPLEX_END,
     /* the rest of an exit row: its first edge is that of FIELD_LEFT */
     FIELD_REF,
@@ -83,11 +89,10 @@ enum mni_base_id {
     BASE_ANGLE = 5,
     BASE_DELTA,
     BASE_COLOR = 9,
-    BASE_THIRD = 13,
-    BASE_LO,
+    BASE_LO = 13,
     BASES
 };
-_Static_assert(MNI_HEAD_BASE + 4 * BASES == MNI_HEAD_EDGE, "bases, then edges");
+_Static_assert(MNI_HEAD_BASE + 4 * BASES == MNI_HEAD_FAR, "bases, far, then edges");
 _Static_assert(MNI_HEAD_EDGE + 2 * FIELDS <= MNI_HEAD_BYTES, "edges, then rows");
 
 #define MNI_BIAS 0x80000000u
@@ -148,6 +153,23 @@ static inline float mni_float_of(uint32_t u) {
     memcpy(&f, &u, sizeof f);
     return f;
 }
+
+/* A corner outside [lo, hi), or MN_NONE; and back. */
+static inline uint32_t mni_third_code(uint32_t corner, uint32_t lo, uint32_t hi) {
+    if (corner == MN_NONE)
+        return 0;
+    return corner < lo ? 2 * (lo - corner) : 2 * (corner - hi + 1) + 1;
+}
+
+static inline uint32_t mni_third_of(uint32_t code, uint32_t lo, uint32_t hi) {
+    uint32_t distance = code >> 1;
+    if (distance == 0)
+        return MN_NONE;
+    return code & 1 ? hi - 1 + distance : lo - distance;
+}
+
+/* What stands in a simplex's field for its third corner, for the checker. */
+uint32_t mni_block_third(const mni_block *view, const mni_node *node, uint32_t i);
 
 /* Decodes the head; no checks. Returns where the rows end, counted from the payload's beginning. */
 uint64_t mni_block_layout(mni_block *view, const uint8_t *payload);

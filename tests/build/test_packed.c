@@ -147,7 +147,7 @@ static void seen(const mn_tree *t, uint32_t leaf, double height, double toleranc
  * are a twentieth above what was measured. Packers that give blocks few deep subtrees, or exits of
  * like order from all over, or that take the deepest nodes first, or the highest, are above them.
  */
-static const double times_most[] = {7.0, 8.0, 9.6};
+static const double times_most[] = {7.0, 8.4, 10.2};
 
 START_TEST(few_blocks_are_in_use) {
     enum { FRONTS = 8 };
