@@ -44,14 +44,19 @@ static void sift_up(mni_agenda_item *item, uint32_t at, mni_agenda_item moving) 
     item[at] = moving;
 }
 
+/* To the bottom first, where what comes from there belongs: so the way is not guessed at. */
 static void sift_down(mni_agenda_item *item, uint32_t count, uint32_t at, mni_agenda_item moving) {
-    for (uint32_t down; (down = 2 * at + 1) < count; at = down) {
-        if (down + 1 < count && before(item[down + 1], item[down]))
-            down++;
-        if (!before(item[down], moving))
-            break;
+    uint32_t top = at, down;
+    for (; (down = 2 * at + 2) < count; at = down) {
+        down -= rank(item[down - 1]) < rank(item[down]);
         item[at] = item[down];
     }
+    if (down - 1 < count) {
+        item[at] = item[down - 1];
+        at = down - 1;
+    }
+    for (uint32_t up; at > top && before(moving, item[up = (at - 1) / 2]); at = up)
+        item[at] = item[up];
     item[at] = moving;
 }
 

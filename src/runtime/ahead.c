@@ -107,7 +107,8 @@ void mni_ahead_newborn(const mni_ahead *a, mni_front *front, uint32_t slot) {
 
 static void judge(mni_ahead *a, mni_front *front, const uint32_t *slot, int count) {
     uint8_t verdict[MNI_SIEVE_BATCH];
-    mni_sieve_judge(&a->sieve, &a->batch, verdict);
+    float margin[MNI_SIEVE_BATCH];
+    mni_sieve_judge(&a->sieve, &a->batch, verdict, margin);
     for (int i = 0; i < count; i++)
         if (verdict[i] != MNI_UNWANTED)
             foresee_split(a, front, slot[i]);
@@ -115,14 +116,14 @@ static void judge(mni_ahead *a, mni_front *front, const uint32_t *slot, int coun
 
 /* As Navigate's pass of splits goes through all slots (navigate.c), through those of one turn. */
 static void scan_slots(mni_ahead *a, mni_front *f, uint32_t from, uint32_t to) {
-    uint8_t far[MNI_SIEVE_BATCH];
+    float margin[MNI_SIEVE_BATCH];
     uint32_t slot[MNI_SIEVE_BATCH];
     int count = 0;
     for (uint32_t first = from; first < to; first += MNI_SIEVE_BATCH) {
         mni_sieve_far(&a->sieve, &f->position[3 * (size_t)first], &f->radius[first],
-                      &f->switch_value[first], far);
+                      &f->switch_value[first], margin);
         for (uint32_t i = 0, at = first; i < MNI_SIEVE_BATCH && at < to; i++, at++) {
-            if (far[i])
+            if (margin[i] > 0)
                 continue;
             mni_sieve_put(&a->batch, count, &f->position[3 * (size_t)at], f->radius[at],
                           f->switch_value[at], f->face[at].cone);

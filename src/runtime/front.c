@@ -44,7 +44,7 @@ static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
     sum += take(arena, &f->simplex_node, simplices, 3 * sizeof *f->simplex_node);
     sum += take(arena, &f->simplex_leaf, simplices, 3 * sizeof *f->simplex_leaf);
     sum += take(arena, &f->chunk, f->chunks_max, sizeof *f->chunk);
-    sum += take(arena, &f->changed, slots / 64, sizeof *f->changed);
+    sum += take(arena, &f->forks, slots / 64, sizeof *f->forks);
     sum += take(arena, &f->node_stamp, slots / MN_FRONT_PAGE + 1, sizeof *f->node_stamp);
     sum += take(arena, &f->simplex_stamp, simplices / MN_FRONT_PAGE + 1, sizeof *f->simplex_stamp);
     return sum;
@@ -55,12 +55,12 @@ size_t mni_front_need_bytes(const mn_header *header, uint32_t nodes_max, uint32_
     return lay_out(&shape, NULL, header->has_colors);
 }
 
-static void change_note(mni_front *f, uint32_t slot) {
-    f->changed[slot / 64] |= UINT64_C(1) << (slot % 64);
+static void fork_set(mni_front *f, uint32_t branch) {
+    f->forks[branch / 64] |= UINT64_C(1) << (branch % 64);
 }
 
-void mni_front_changes_forget(mni_front *f) {
-    memset(f->changed, 0, ((size_t)f->slots_high + 63) / 64 * sizeof *f->changed);
+static void fork_clear(mni_front *f, uint32_t branch) {
+    f->forks[branch / 64] &= ~(UINT64_C(1) << (branch % 64));
 }
 
 /* Slot `nobody` and simplex 0, which stand where there is none (ring.c). */
@@ -555,9 +555,11 @@ static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_ent
                                       .parent = p->parent,
                                       .home = home,
                                       .slot = slot,
-                                      .blocker = MN_NONE,
                                       .exit = (p->flags & MNI_NODE_EXIT) != 0};
     *reference(f, p->parent, slot, slot) = b | MNI_FRONT_BRANCH;
+    fork_set(f, b);
+    if (p->parent != MNI_FRONT_NO_PARENT)
+        fork_clear(f, p->parent);
     return b;
 }
 
@@ -604,8 +606,6 @@ static uint32_t simplices_link(mni_front *f, const split_plan *plan, uint32_t ri
 static uint32_t part(mni_front *f, const split_plan *plan, mni_entry home, const mni_node *record) {
     uint32_t slot = plan->slot, right = slot_new(f), b = branch_make(f, slot, right, home);
     uint32_t order = f->node[slot].order;
-    change_note(f, slot);
-    change_note(f, right);
     f->node[right].leaf_lo = record->leaf_mid;
     f->node[right].leaf_hi = f->node[slot].leaf_hi;
     f->node[slot].leaf_hi = record->leaf_mid;
@@ -704,14 +704,16 @@ static uint32_t corners_join(mni_front *f, uint32_t left, uint32_t right) {
     return killed;
 }
 
+static bool children_are_active(const mni_front_branch *b) {
+    return ((b->child[0] | b->child[1]) & MNI_FRONT_BRANCH) == 0;
+}
+
 /* Without the stores' part, which differs. */
 static void join(mni_front *f, uint32_t branch) {
     const mni_front_branch *b = &f->branch[branch];
     MN_ASSERT(mni_front_is_fork(f, branch) && b->child[0] == b->slot);
     uint32_t slot = b->slot, right = b->child[1], killed = corners_join(f, slot, right);
     MN_ASSERT(killed == b->killed);
-    change_note(f, slot);
-    change_note(f, right);
     f->node[slot].order = b->order;
     f->node[slot].above = b->parent == MNI_FRONT_NO_PARENT ? MN_NONE : f->branch[b->parent].order;
     f->node[slot].leaf_hi = f->node[right].leaf_hi;
@@ -724,6 +726,9 @@ static void join(mni_front *f, uint32_t branch) {
     p->flags = b->exit ? MNI_NODE_EXIT : 0;
     f->node_stamp[slot / MN_FRONT_PAGE] = (uint32_t)f->version;
     *reference(f, b->parent, slot, branch | MNI_FRONT_BRANCH) = slot;
+    fork_clear(f, branch);
+    if (b->parent != MNI_FRONT_NO_PARENT && children_are_active(&f->branch[b->parent]))
+        fork_set(f, b->parent);
     slot_free(f, right);
     branch_free(f, branch);
 }

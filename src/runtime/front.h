@@ -80,7 +80,6 @@ typedef struct mni_front_branch {
     uint32_t parent;      /* branch, or MNI_FRONT_NO_PARENT; free: next free branch */
     uint32_t home;        /* entry of the block with its record: where its children count */
     uint32_t slot;        /* that it had, and its leftmost descendant has; MN_NONE: free */
-    uint32_t blocker;     /* Navigate's: a slot whose node blocked its collapse, or MN_NONE */
     uint32_t exit : 1;    /* MNI_NODE_EXIT */
     uint32_t killed : 31; /* simplices that its split brought */
 } mni_front_branch;
@@ -116,7 +115,7 @@ typedef struct mni_front {
      */
     uint32_t *simplex_node; /* slots; [3s] MN_NONE: free */
     uint32_t *simplex_leaf; /* leaf ids; free: [3s] next free one */
-    uint64_t *changed;      /* a bit a slot: its node came or went since changes_forget */
+    uint64_t *forks;        /* a bit a branch: both children are active */
     uint32_t *node_stamp; /* a page of MN_FRONT_PAGE slots: low bits of version, last written at */
     uint32_t *simplex_stamp; /* likewise of simplices, from simplex 1 on */
 
@@ -159,13 +158,9 @@ static inline bool mni_front_stands(const mni_front *front, mni_front_ref ref) {
 static inline bool mni_front_is_branch(const mni_front *front, uint32_t branch) {
     return front->branch[branch].slot != MN_NONE;
 }
-static inline bool mni_front_changed(const mni_front *front, uint32_t slot) {
-    return (front->changed[slot / 64] >> (slot % 64) & 1) != 0;
-}
 /* Can the branch collapse as far as the tree goes: are both children active? */
 static inline bool mni_front_is_fork(const mni_front *front, uint32_t branch) {
-    const mni_front_branch *b = &front->branch[branch];
-    return b->slot != MN_NONE && ((b->child[0] | b->child[1]) & MNI_FRONT_BRANCH) == 0;
+    return (front->forks[branch / 64] >> (branch % 64) & 1) != 0;
 }
 static inline mni_bounds mni_front_bounds(const mni_front *front, uint32_t slot) {
     return (mni_bounds){&front->position[3 * (size_t)slot], front->radius[slot],
@@ -193,9 +188,6 @@ static inline void mni_front_fetch_node(const mni_front *front, uint32_t slot) {
 }
 void mni_front_fetch_simplices(const mni_front *front, uint32_t slot, bool leaves);
 void mni_front_fetch_ring(const mni_front *front, uint32_t slot);
-
-/* From here on changes are noted anew. */
-void mni_front_changes_forget(mni_front *front);
 
 /* Splits an active inner node that nothing blocks: *branch is what it becomes. The block where the
  * node counts stays in use until release, so that unsplit, the exact inverse, cannot fail. */

@@ -194,6 +194,8 @@ static void check_branch(const mni_front *f, uint32_t branch) {
              right = check_child(f, branch, b->child[1]);
     MN_ASSERT(left == b->slot && right != left && mni_front_is_active(f, right));
     MN_ASSERT(f->node[left].leaf_lo < f->node[right].leaf_lo);
+    MN_ASSERT(mni_front_is_fork(f, branch) ==
+              (((b->child[0] | b->child[1]) & MNI_FRONT_BRANCH) == 0));
 }
 
 void mni_front_check(const mni_front *f) {
@@ -206,8 +208,10 @@ void mni_front_check(const mni_front *f) {
         active++;
     }
     for (uint32_t b = 0; b < f->branches_high; b++) {
-        if (!mni_front_is_branch(f, b))
+        if (!mni_front_is_branch(f, b)) {
+            MN_ASSERT(!mni_front_is_fork(f, b));
             continue;
+        }
         check_branch(f, b);
         killed += f->branch[b].killed;
         expanded++;

@@ -24,9 +24,14 @@
 enum {
     SMALL_TRIANGLES = 2000,
     FETCHED = 12, /* nodes to split */
-    AHEAD = 64,   /* forks: a quarter is to be tested, and 16 tests keep the memory busy */
+    AHEAD = 16,   /* forks to test */
 };
-#define FREE (MN_NONE - 1) /* no slot: a fork that nothing blocks */
+/* Of forks on the agenda, in place of an order id. WAITS: it is on its blocker's list already. */
+enum { UNTESTED = 0, FREE, WAITS };
+#define CLOCK_MAX                                                                                  \
+    1000             /* × the largest coordinate: margins of a hundredth of that are 9 bits yet   \
+                      */
+#define LOOK (-1.0f) /* due now: the clock of motion begins at 0 */
 
 /* ---- collapses ---------------------------------------------------------------------------------
  */
@@ -45,105 +50,129 @@ static void check_small(const mni_navigator *nav) {
 #endif
 }
 
-/* The fork, keyed by its order id, if it is one and not wanted. */
+/* The reading of the clock up to which a verdict stands, rounded down. */
+static float due_after(const mni_navigator *nav, float margin) {
+    return margin > 0 ? (nav->clock + margin) * (1 - 1e-6f) : LOOK;
+}
+
+/* The fork, keyed by its order id, if it is one and not wanted. It is new: so it is looked at in
+ * the next frame. */
 static void consider_fork(mni_navigator *nav, uint32_t fork) {
     if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
         return;
+    nav->fork_due[fork] = LOOK;
     mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
     if (!mni_lens_wants(&nav->lens, &bounds))
         mni_agenda_push(&nav->agenda,
-                        (mni_agenda_item){nav->front.branch[fork].order, MN_NONE, fork});
+                        (mni_agenda_item){nav->front.branch[fork].order, UNTESTED, fork});
 }
 
-/* Those of a batch of forks that are not wanted, onto the agenda, with the blocker that they had in
- * the last frame, if it is there still. */
+/* Those of a batch of forks that are not wanted, onto the agenda, but those that wait already. */
 static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
     uint8_t verdict[MNI_SIEVE_BATCH];
-    mni_sieve_judge(&nav->sieve, &nav->batch, verdict);
+    float margin[MNI_SIEVE_BATCH];
+    mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
     for (int i = 0; i < count; i++) {
-        mni_front_branch *b = &nav->front.branch[fork[i]];
         bool wants = verdict[i] == MNI_WANTED;
         if (verdict[i] == MNI_UNSURE) {
             mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork[i]);
             wants = mni_lens_wants(&nav->lens, &bounds);
         }
-        if (wants || (b->blocker != MN_NONE && mni_front_changed(&nav->front, b->blocker)))
-            b->blocker = MN_NONE;
-        if (!wants)
-            mni_agenda_add(&nav->agenda, (mni_agenda_item){b->order, b->blocker, fork[i]});
+        nav->fork_due[fork[i]] = due_after(nav, margin[i]);
+        if (wants)
+            mni_waiting_drop(&nav->waiting, fork[i]);
+        else if (!mni_waiting_has(&nav->waiting, fork[i]))
+            mni_agenda_add(&nav->agenda,
+                           (mni_agenda_item){nav->front.branch[fork[i]].order, UNTESTED, fork[i]});
     }
 }
 
-/* A blocker is remembered from frame to frame, as long as its branch is a fork and not wanted in
- * each of them: changes are noted from one such pass to the next. */
+/* A fork whose next look is not due is wanted still, or not wanted still and waits. */
 static void collapse_agenda(mni_navigator *nav) {
-    mni_front *front = &nav->front;
+    const mni_front *front = &nav->front;
     uint32_t fork[MNI_SIEVE_BATCH];
     int count = 0;
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t i = 0; i < front->branches_high; i++) {
-        mni_front_branch *b = &front->branch[i];
-        if (!mni_front_is_fork(front, i)) {
-            b->blocker = MN_NONE;
-            continue;
+    for (uint32_t word = 0; 64 * word < front->branches_high; word++)
+        for (uint64_t bits = front->forks[word]; bits != 0; bits &= bits - 1) {
+            uint32_t at = 64 * word + (uint32_t)__builtin_ctzll(bits);
+            const mni_front_branch *b = &front->branch[at];
+            if (nav->fork_due[at] > nav->clock)
+                continue;
+            mni_sieve_put(&nav->batch, count, &front->position[3 * (size_t)b->slot], b->radius,
+                          b->switch_value, b->face.cone);
+            fork[count++] = at;
+            if (count < MNI_SIEVE_BATCH)
+                continue;
+            judge_forks(nav, fork, count);
+            count = 0;
         }
-        mni_sieve_put(&nav->batch, count, &front->position[3 * (size_t)b->slot], b->radius,
-                      b->switch_value, b->face.cone);
-        fork[count++] = i;
-        if (count < MNI_SIEVE_BATCH)
-            continue;
-        judge_forks(nav, fork, count);
-        count = 0;
-    }
     judge_forks(nav, fork, count);
-    mni_front_changes_forget(front);
     mni_agenda_begin(&nav->agenda);
+}
+
+/* Does something block the fork? Then it waits. */
+static bool has_to_wait(mni_navigator *nav, uint32_t fork) {
+    uint32_t blocker = mni_front_collapse_blocker(&nav->front, fork);
+    if (blocker != MN_NONE)
+        mni_waiting_add(&nav->waiting, fork, blocker);
+    return blocker != MN_NONE;
+}
+
+/* The node in a slot has gone. Those that waited for it have higher order ids than its parent, so
+ * their turn is still to come. */
+static void wake(mni_navigator *nav, uint32_t slot) {
+    for (uint32_t fork = mni_waiting_wake(&nav->waiting, slot); fork != MN_NONE;
+         fork = nav->waiting.next[fork])
+        mni_agenda_push(&nav->agenda,
+                        (mni_agenda_item){nav->front.branch[fork].order, UNTESTED, fork});
 }
 
 /* What is to be popped next is tested together, so that what each needs of the memory is on its way
  * while the others are: nodes, then simplices, then neighbours. Who is free stays free until its
- * turn: what collapses before it was no neighbour of its, or it would have blocked it. */
+ * turn: what collapses before it was no neighbour of its, or it would have blocked it. Returns up
+ * to where, in the agenda. */
 static uint32_t look_ahead(mni_navigator *nav) {
     mni_front *front = &nav->front;
-    uint32_t room = AHEAD, count = 0;
-    mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &room), *test[AHEAD];
-    for (uint32_t i = 0; i < room; i++) {
+    uint32_t count = AHEAD;
+    mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &count);
+    for (uint32_t i = 0; i < count; i++)
         __builtin_prefetch(&front->branch[next[i].what]);
-        test[count] = &next[i];
-        count += next[i].order == MN_NONE;
-    }
     for (uint32_t i = 0; i < count; i++)
         for (int side = 0; side < 2; side++)
-            mni_front_fetch_node(front, front->branch[test[i]->what].child[side]);
+            mni_front_fetch_node(front, front->branch[next[i].what].child[side]);
     for (uint32_t i = 0; i < count; i++)
         for (int side = 0; side < 2; side++)
-            mni_front_fetch_simplices(front, front->branch[test[i]->what].child[side], false);
-    for (uint32_t i = 0; i < count; i++) {
-        uint32_t blocker = mni_front_collapse_blocker(front, test[i]->what);
-        front->branch[test[i]->what].blocker = blocker;
-        test[i]->order = blocker == MN_NONE ? FREE : blocker;
-    }
-    return nav->agenda.next + room;
+            mni_front_fetch_simplices(front, front->branch[next[i].what].child[side], false);
+    for (uint32_t i = 0; i < count; i++)
+        next[i].order = has_to_wait(nav, next[i].what) ? WAITS : FREE;
+    return nav->agenda.next + count;
 }
 
-/* Is the fork blocked? What blocked it in the last frame does so as long as it is active. */
-static bool waits(mni_navigator *nav, mni_agenda_item item) {
+static void collapse(mni_navigator *nav, uint32_t fork) {
     mni_front *front = &nav->front;
-    if (item.order == FREE) {
-        MN_ASSERT_SLOW(mni_front_collapse_blocker(front, item.what) == MN_NONE);
-        return false;
+    const mni_front_branch *b = &front->branch[fork];
+    uint32_t parent = b->parent, left = b->slot, right = b->child[1];
+    uint32_t triangles = front->triangles;
+    mni_outcome outcome = mni_front_collapse(front, fork);
+    nav->work.triangles_removed += triangles - front->triangles;
+    mni_store_attempt_over(front->store);
+    check_small(nav);
+    nav->work.collapses += outcome == MNI_DONE;
+    nav->work.misses += outcome == MNI_MISS;
+    nav->work.refused_pool += outcome == MNI_REFUSED_POOL;
+    nav->work.refused_collapse |= outcome != MNI_DONE;
+    if (outcome != MNI_DONE) {
+        nav->fork_due[fork] = LOOK;
+        return;
     }
-    if (item.order != MN_NONE && !mni_front_changed(front, item.order)) {
-        MN_ASSERT_SLOW(mni_front_collapse_blocker(front, item.what) != MN_NONE);
-        return true;
-    }
-    uint32_t blocker = mni_front_collapse_blocker(front, item.what);
-    front->branch[item.what].blocker = blocker;
-    return blocker != MN_NONE;
+    nav->slot_due[left] = LOOK;
+    wake(nav, left);
+    wake(nav, right);
+    consider_fork(nav, parent);
 }
 
 static void collapse_pass(mni_navigator *nav) {
-    mni_front *front = &nav->front;
     mni_agenda_item item;
     uint32_t looked = 0; /* up to there, of the agenda's sorted items */
     collapse_agenda(nav);
@@ -152,28 +181,18 @@ static void collapse_pass(mni_navigator *nav) {
             looked = look_ahead(nav);
         if (!mni_agenda_pop(&nav->agenda, &item))
             break;
-        if (waits(nav, item)) {
-            nav->work.waits_dependency++;
+        if (item.order == WAITS || (item.order == UNTESTED && has_to_wait(nav, item.what)))
             continue;
-        }
-        uint32_t fork = item.what, parent = front->branch[fork].parent;
+        MN_ASSERT_SLOW(mni_front_collapse_blocker(&nav->front, item.what) == MN_NONE);
         if (nav->ops_max > 0 && ops(nav) >= nav->ops_max) {
             nav->work.refused_budget++;
             nav->work.refused_collapse = true;
+            nav->fork_due[item.what] = LOOK;
             continue;
         }
-        uint32_t triangles = front->triangles;
-        mni_outcome outcome = mni_front_collapse(front, fork);
-        nav->work.triangles_removed += triangles - front->triangles;
-        mni_store_attempt_over(front->store);
-        check_small(nav);
-        nav->work.collapses += outcome == MNI_DONE;
-        nav->work.misses += outcome == MNI_MISS;
-        nav->work.refused_pool += outcome == MNI_REFUSED_POOL;
-        nav->work.refused_collapse |= outcome != MNI_DONE;
-        if (outcome == MNI_DONE)
-            consider_fork(nav, parent);
+        collapse(nav, item.what);
     }
+    nav->work.waits_dependency = nav->waiting.count;
 }
 
 /* ---- chains of forced splits -------------------------------------------------------------------
@@ -317,28 +336,46 @@ static void consider_split(mni_navigator *nav, uint32_t slot) {
 /* Those of a batch of slots that are wanted, onto the agenda. */
 static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
     uint8_t verdict[MNI_SIEVE_BATCH];
+    float margin[MNI_SIEVE_BATCH];
     mni_agenda_item item;
-    mni_sieve_judge(&nav->sieve, &nav->batch, verdict);
-    for (int i = 0; i < count; i++)
+    mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
+    for (int i = 0; i < count; i++) {
+        nav->slot_due[slot[i]] = verdict[i] == MNI_UNWANTED ? due_after(nav, margin[i]) : LOOK;
         if (verdict[i] != MNI_UNWANTED && mni_front_is_active(&nav->front, slot[i]) &&
             wanted(nav, slot[i], &item))
             mni_agenda_add(&nav->agenda, item);
+    }
 }
 
-/* All slots: who is in none, or a leaf, has the bounds of whoever was, and is asked for when
- * wanted. The front has room for whole batches. */
+/* Slots of a batch whose next look is due and that are not simply too far away. Who is in no slot,
+ * or a leaf, has the bounds of whoever was, and is asked for when wanted. The front has room for
+ * whole batches. */
+static uint64_t slots_due(mni_navigator *nav, uint32_t first) {
+    const mni_front *f = &nav->front;
+    float *due = &nav->slot_due[first], margin[MNI_SIEVE_BATCH];
+    uint64_t late = mni_sieve_late(due, nav->clock), near = 0;
+    if (late == 0)
+        return 0;
+    mni_sieve_far(&nav->sieve, &f->position[3 * (size_t)first], &f->radius[first],
+                  &f->switch_value[first], margin);
+    for (; late != 0; late &= late - 1) {
+        int i = __builtin_ctzll(late);
+        due[i] = due_after(nav, margin[i]);
+        near |= (uint64_t)(margin[i] <= 0) << i;
+    }
+    return near;
+}
+
 static void split_agenda(mni_navigator *nav) {
     const mni_front *f = &nav->front;
-    uint8_t far[MNI_SIEVE_BATCH];
     uint32_t slot[MNI_SIEVE_BATCH];
     int count = 0;
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t first = 0; first < f->slots_high; first += MNI_SIEVE_BATCH) {
-        mni_sieve_far(&nav->sieve, &f->position[3 * (size_t)first], &f->radius[first],
-                      &f->switch_value[first], far);
-        for (uint32_t i = 0, at = first; i < MNI_SIEVE_BATCH && at < f->slots_high; i++, at++) {
-            if (far[i])
-                continue;
+    for (uint32_t first = 0; first < f->slots_high; first += MNI_SIEVE_BATCH)
+        for (uint64_t bits = slots_due(nav, first); bits != 0; bits &= bits - 1) {
+            uint32_t at = first + (uint32_t)__builtin_ctzll(bits);
+            if (at >= f->slots_high)
+                break;
             mni_sieve_put(&nav->batch, count, &f->position[3 * (size_t)at], f->radius[at],
                           f->switch_value[at], f->face[at].cone);
             slot[count++] = at;
@@ -347,7 +384,6 @@ static void split_agenda(mni_navigator *nav) {
             judge_slots(nav, slot, count);
             count = 0;
         }
-    }
     judge_slots(nav, slot, count);
     mni_agenda_begin(&nav->agenda);
 }
@@ -427,6 +463,22 @@ static uint32_t fetch_ahead(mni_navigator *nav) {
     return nav->agenda.next + count;
 }
 
+/* A split stays: who waited for its node is looked at in the next frame, its parent is no fork and
+ * waits no more, and its children are new. */
+static void keep_split(mni_navigator *nav, uint32_t branch) {
+    const mni_front_branch *b = &nav->front.branch[branch];
+    mni_front_release(&nav->front, branch);
+    for (uint32_t fork = mni_waiting_wake(&nav->waiting, b->slot); fork != MN_NONE;
+         fork = nav->waiting.next[fork])
+        nav->fork_due[fork] = LOOK;
+    if (b->parent != MNI_FRONT_NO_PARENT)
+        mni_waiting_drop(&nav->waiting, b->parent);
+    nav->fork_due[branch] = LOOK;
+    for (int side = 0; side < 2; side++)
+        if ((b->child[side] & MNI_FRONT_BRANCH) == 0)
+            nav->slot_due[b->child[side]] = LOOK;
+}
+
 static void split_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
     refusals_begin(nav);
@@ -452,7 +504,7 @@ static void split_pass(mni_navigator *nav) {
             continue;
         }
         for (uint32_t i = 0; i < count; i++)
-            mni_front_release(front, nav->chain[i]);
+            keep_split(nav, nav->chain[i]);
         nav->work.splits += count;
         nav->work.triangles_made += front->triangles - triangles;
         for (uint32_t i = 0; i < count; i++)
@@ -529,6 +581,21 @@ void mni_navigator_give_way(mni_navigator *nav, bool reading) {
 /* ---- a frame -----------------------------------------------------------------------------------
  */
 
+/* The clock of motion, which begins again where it cannot tell how much has changed, or would get
+ * too large for single precision: then everything is due. */
+static void clock_advance(mni_navigator *nav, double motion) {
+    double clock = (double)nav->clock + motion;
+    if (clock < CLOCK_MAX * (double)nav->coordinate_max) {
+        nav->clock = nextafterf((float)clock, INFINITY);
+        return;
+    }
+    nav->clock = 0;
+    for (uint32_t i = 0; i < nav->front.branches_high; i++)
+        nav->fork_due[i] = LOOK;
+    for (uint32_t i = 0; i < nav->front.slots_high; i++)
+        nav->slot_due[i] = LOOK;
+}
+
 void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tolerance_px) {
     nav->moved = memcmp(&nav->camera, camera, sizeof *camera) != 0 ||
                  memcmp(&nav->tolerance_px, &tolerance_px, sizeof tolerance_px) != 0;
@@ -536,8 +603,10 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->tolerance_px = tolerance_px;
     double used_px = mni_level_tolerance(&nav->level, tolerance_px);
     bool same = nav->lens.tolerance_px == used_px;
+    mni_lens before = nav->lens;
     mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, nav->size, used_px,
                   &nav->weights);
+    clock_advance(nav, mni_sieve_motion(&before, &nav->lens, (double)nav->coordinate_max));
     mni_sieve_make(&nav->sieve, &nav->lens, nav->coordinate_max);
     if (nav->looks_ahead) {
         mni_ahead_begin(&nav->ahead, camera, &nav->lens, nav->width_px, nav->height_px, nav->size,
@@ -554,6 +623,28 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
         rehearse(nav);
     }
     nav->moved = moved;
+}
+
+void mni_navigator_check(mni_navigator *nav) {
+    mni_front *front = &nav->front;
+    mni_front_check(front);
+    mni_waiting_check(&nav->waiting);
+    for (uint32_t b = 0; b < front->branches_high; b++) {
+        bool waiting = mni_waiting_has(&nav->waiting, b);
+        if (!mni_front_is_fork(front, b)) {
+            MN_ASSERT(!waiting);
+            continue;
+        }
+        mni_bounds bounds = mni_front_branch_bounds(front, b);
+        MN_ASSERT(!waiting || mni_front_collapse_blocker(front, b) != MN_NONE);
+        if (nav->fork_due[b] > nav->clock)
+            MN_ASSERT(mni_lens_wants(&nav->lens, &bounds) != waiting);
+    }
+    for (uint32_t slot = 0; slot < front->slots_high; slot++) {
+        mni_bounds bounds = mni_front_bounds(front, slot);
+        if (mni_front_is_active(front, slot) && nav->slot_due[slot] > nav->clock)
+            MN_ASSERT(mni_front_is_leaf(front, slot) || !mni_lens_wants(&nav->lens, &bounds));
+    }
 }
 
 double mni_navigator_error_px(const mni_navigator *nav) {
@@ -591,12 +682,17 @@ static uint32_t chain_room(uint32_t nodes_max) {
     return nodes_max < MNI_CHAIN_MAX ? nodes_max : MNI_CHAIN_MAX;
 }
 
+static size_t whole_batches(uint32_t nodes) {
+    return ((size_t)nodes + MNI_SIEVE_BATCH - 1) / MNI_SIEVE_BATCH * MNI_SIEVE_BATCH;
+}
+
 size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
                                 uint32_t simplices_max) {
     return mni_front_need_bytes(header, nodes_max, simplices_max) + mni_agenda_need(nodes_max) +
            mni_arena_need(MNI_STACK_MAX, sizeof(mni_front_ref), 64) +
            mni_arena_need(chain_room(nodes_max), sizeof(uint32_t), 64) +
-           mni_arena_need(nodes_max, sizeof(mni_refusal), 64);
+           mni_arena_need(nodes_max, sizeof(mni_refusal), 64) + mni_waiting_need(nodes_max) +
+           2 * mni_arena_need(whole_batches(nodes_max), sizeof(float), 64);
 }
 
 mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header *header,
@@ -607,6 +703,9 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     nav->stack = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->stack, 64);
     nav->chain = mni_arena_take(arena, nav->chain_max, sizeof *nav->chain, 64);
     nav->refusal = mni_arena_take(arena, nodes_max, sizeof *nav->refusal, 64);
+    mni_waiting_open(&nav->waiting, nodes_max, arena);
+    nav->fork_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
+    nav->slot_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     mni_level_open(&nav->level);
     nav->level.settled = true;
     for (int i = 0; i < 3; i++)

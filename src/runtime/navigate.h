@@ -7,6 +7,7 @@
 #include "front.h"
 #include "level.h"
 #include "sieve.h"
+#include "waiting.h"
 
 enum {
     MNI_CHAIN_MAX = 1 << 16, /* splits in one chain of forced splits */
@@ -42,6 +43,9 @@ typedef struct mni_navigator {
     uint32_t chain_max;
     mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
     mni_front_ref missed[MNI_MISSED_MAX];
+    mni_waiting waiting; /* forks that are not wanted and blocked */
+    /* nodes_max: until the clock passes that, the last verdict stands. Of slots: unwanted */
+    float *fork_due, *slot_due;
 
     /* the frame */
     /* by the session: at open, and when they change */
@@ -51,6 +55,7 @@ typedef struct mni_navigator {
     mni_lens lens;
     mni_sieve sieve; /* the lens, in single precision */
     mni_ahead ahead;
+    float clock; /* motion of the camera up to now, and at times from 0 again */
     mn_camera camera;
     double tolerance_px; /* as asked for; the lens has what is used */
     bool moved;          /* the camera or the tolerance is not the last frame's */
@@ -76,6 +81,9 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
 /* After mni_store_frame_end: the level of degrading for the next frame. reading: blocks are still
  * on their way, so it is not known yet what fits. */
 void mni_navigator_give_way(mni_navigator *nav, bool reading);
+/* mni_front_check, who waits, and that verdicts which stand are those of the last frame's camera.
+ * Asserts. */
+void mni_navigator_check(mni_navigator *nav);
 /* Largest projected switch value over the active nodes inside the frustum that do not face away. */
 double mni_navigator_error_px(const mni_navigator *nav);
 /* Nodes of the front over those it would have without forced splits. */

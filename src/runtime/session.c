@@ -351,7 +351,7 @@ static uint32_t usage_of(void *context, mni_entry entry) {
 }
 
 void mn_session_check(mn_session *s) {
-    mni_front_check(&s->nav.front);
+    mni_navigator_check(&s->nav);
     MN_ASSERT(!s->desc.closed || mni_front_imbalance(&s->nav.front) == 0);
     memset(s->usage, 0, s->entries_max * sizeof *s->usage);
     mni_front_usage(&s->nav.front, s->usage);

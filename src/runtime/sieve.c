@@ -20,6 +20,7 @@
 #include "sieve.h"
 
 #include <math.h>
+#include <string.h>
 
 /* Of a product or sum of a few terms, relative to the largest; single precision is wrong by 6e-8
  * each time. */
@@ -52,6 +53,33 @@ void mni_sieve_make(mni_sieve *s, const mni_lens *lens, float size) {
         s->light_from[i] = (float)lens->light_from[i];
     s->tightens = mni_lens_tightens(lens);
     s->distance_min = (float)(lens->distance_min * 1.0001);
+}
+
+/* Where the light comes from, which may be the eye, counts in no margin. */
+static bool weighs_alike(const mni_lens *a, const mni_lens *b) {
+    return a->scale_px == b->scale_px && a->tolerance_px == b->tolerance_px &&
+           a->distance_min == b->distance_min && a->outside == b->outside && a->away == b->away &&
+           a->silhouette == b->silhouette && a->light == b->light && a->most == b->most;
+}
+
+/* A plane's value at a point changes by the eye's way, and by what the plane's normal changes times
+ * how far the point is. */
+double mni_sieve_motion(const mni_lens *from, const mni_lens *to, double size) {
+    if (!weighs_alike(from, to))
+        return INFINITY;
+    double way = 0, far = 0, most = 0;
+    for (int i = 0; i < 3; i++) {
+        way += (to->eye[i] - from->eye[i]) * (to->eye[i] - from->eye[i]);
+        far += (fabs(to->eye[i]) + size) * (fabs(to->eye[i]) + size);
+    }
+    for (int p = 0; p < 5; p++) {
+        double turn = 0;
+        for (int i = 0; i < 3; i++)
+            turn += (to->plane[p][i] - from->plane[p][i]) * (to->plane[p][i] - from->plane[p][i]);
+        most = fmax(most, turn);
+    }
+    double motion = (sqrt(way) + sqrt(most * far)) * 1.000001;
+    return motion >= 0 ? motion : INFINITY;
 }
 
 /* An instruction of vectors, which fminf, for the sake of NaN, is not. */
@@ -101,7 +129,7 @@ static inline __attribute__((always_inline)) void tightening(const mni_sieve *s,
 
 /* Everything of one node; no branches. */
 static inline __attribute__((always_inline)) uint8_t
-judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens) {
+judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens, float *margin) {
     float dx = b->x[i] - s->eye[0], dy = b->y[i] - s->eye[1], dz = b->z[i] - s->eye[2];
     float r = b->radius[i], square = dx * dx + dy * dy + dz * dz, d = sqrtf(square);
     float slack = s->slack + RELATIVE * d;
@@ -155,61 +183,102 @@ judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens) {
     bool unwanted = d > (reach * at_most + r) * (1 + RELATIVE) + slack;
     bool wanted = (d < (reach * at_least + r) * (1 - RELATIVE) - slack) &
                   (reach * at_least > s->distance_min);
+
+    /* What each of these may give way by. A normal cone's tests change by 8/3 of the eye's way at
+     * most as long as that leaves it 5/4 of the radius from the centre. */
+    float cone_far = d - 1.25f * r, turned = along / length;
+    float away_room =
+        least_of(cos_h * least - sin_h * r - slack, -turned - (sin_h * most + cos_h * r + slack));
+    float facing_room =
+        most_of(sin_h * r - cos_h * most - slack, turned + sin_h * least + cos_h * r - slack);
+    away_room = least_of(away_room * 0.37f, cone_far);
+    facing_room = most_of(r - slack - d, least_of(facing_room * 0.37f, cone_far));
+    facing_room = b->angle[i] < MN_CONE_NO_BOUND ? facing_room : INFINITY;
+    float heaviest = s->reach_most * b->switch_value[i], heavy = out ? s->outside : 1;
+    heavy = away ? reach * heavy * s->away : heaviest * heavy;
+    float unwanted_room = d - (heavy + r) * (1 + RELATIVE) - slack;
+    unwanted_room = least_of(unwanted_room, out ? -inmost - slack : INFINITY);
+    unwanted_room = least_of(unwanted_room, away ? away_room : INFINITY);
+    unwanted_room = most_of(unwanted_room, d - (heaviest + r) * (1 + RELATIVE) - slack);
+    float light = reach * (in ? 1 : s->outside) * (facing ? 1 : s->away);
+    float wanted_room = (light + r) * (1 - RELATIVE) - slack - d;
+    wanted_room = least_of(wanted_room, in ? inmost - slack : INFINITY);
+    wanted_room = least_of(wanted_room, facing ? facing_room : INFINITY);
+    wanted_room = light > s->distance_min ? wanted_room : 0;
+    *margin = most_of(unwanted ? unwanted_room : wanted ? wanted_room : 0, 0);
     return (uint8_t)(unwanted ? MNI_UNWANTED : wanted ? MNI_WANTED : MNI_UNSURE);
 }
 
 static inline __attribute__((always_inline)) void far_all(const mni_sieve *s, const float *position,
                                                           const float *radius,
-                                                          const float *switch_value, uint8_t *far) {
+                                                          const float *switch_value,
+                                                          float *margin) {
     for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
         float dx = position[3 * i] - s->eye[0], dy = position[3 * i + 1] - s->eye[1];
         float dz = position[3 * i + 2] - s->eye[2], d = sqrtf(dx * dx + dy * dy + dz * dz);
         float slack = s->slack + RELATIVE * d;
-        far[i] = d > (s->reach_most * switch_value[i] + radius[i]) * (1 + RELATIVE) + slack;
+        float room = d - (s->reach_most * switch_value[i] + radius[i]) * (1 + RELATIVE) - slack;
+        margin[i] = most_of(room, 0);
     }
 }
 
-static inline __attribute__((always_inline)) void
-judge_all(const mni_sieve *s, const mni_sieve_batch *b, uint8_t verdict[MNI_SIEVE_BATCH]) {
+static inline __attribute__((always_inline)) void judge_all(const mni_sieve *s,
+                                                            const mni_sieve_batch *b,
+                                                            uint8_t verdict[MNI_SIEVE_BATCH],
+                                                            float margin[MNI_SIEVE_BATCH]) {
     if (s->tightens)
         for (int i = 0; i < MNI_SIEVE_BATCH; i++)
-            verdict[i] = judge(s, b, i, true);
+            verdict[i] = judge(s, b, i, true, &margin[i]);
     else
         for (int i = 0; i < MNI_SIEVE_BATCH; i++)
-            verdict[i] = judge(s, b, i, false);
+            verdict[i] = judge(s, b, i, false, &margin[i]);
 }
 
 #if defined(__x86_64__)
 __attribute__((target("avx2"))) static void judge_avx2(const mni_sieve *s, const mni_sieve_batch *b,
-                                                       uint8_t verdict[MNI_SIEVE_BATCH]) {
-    judge_all(s, b, verdict);
+                                                       uint8_t verdict[MNI_SIEVE_BATCH],
+                                                       float margin[MNI_SIEVE_BATCH]) {
+    judge_all(s, b, verdict, margin);
 }
 
 __attribute__((target("avx2"))) static void far_avx2(const mni_sieve *s, const float *position,
                                                      const float *radius, const float *switch_value,
-                                                     uint8_t *far) {
-    far_all(s, position, radius, switch_value, far);
+                                                     float *margin) {
+    far_all(s, position, radius, switch_value, margin);
 }
 #endif
+
+uint64_t mni_sieve_late(const float due[MNI_SIEVE_BATCH], float clock) {
+    uint8_t late[MNI_SIEVE_BATCH];
+    uint64_t bits = 0;
+    for (int i = 0; i < MNI_SIEVE_BATCH; i++)
+        late[i] = due[i] <= clock;
+    for (int i = 0; i < MNI_SIEVE_BATCH; i += 8) {
+        uint64_t eight;
+        memcpy(&eight, &late[i], sizeof eight);
+        bits |= (eight * UINT64_C(0x0102040810204080) >> 56) << i;
+    }
+    return bits;
+}
 
 void mni_sieve_far(const mni_sieve *s, const float *position, const float *radius,
-                   const float *switch_value, uint8_t far[MNI_SIEVE_BATCH]) {
+                   const float *switch_value, float margin[MNI_SIEVE_BATCH]) {
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2")) {
-        far_avx2(s, position, radius, switch_value, far);
+        far_avx2(s, position, radius, switch_value, margin);
         return;
     }
 #endif
-    far_all(s, position, radius, switch_value, far);
+    far_all(s, position, radius, switch_value, margin);
 }
 
-void mni_sieve_judge(const mni_sieve *s, const mni_sieve_batch *b,
-                     uint8_t verdict[MNI_SIEVE_BATCH]) {
+void mni_sieve_judge(const mni_sieve *s, const mni_sieve_batch *b, uint8_t verdict[MNI_SIEVE_BATCH],
+                     float margin[MNI_SIEVE_BATCH]) {
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2")) {
-        judge_avx2(s, b, verdict);
+        judge_avx2(s, b, verdict, margin);
         return;
     }
 #endif
-    judge_all(s, b, verdict);
+    judge_all(s, b, verdict, margin);
 }

@@ -44,13 +44,20 @@ static inline void mni_sieve_put(mni_sieve_batch *batch, int i, const float posi
     batch->axis[1][i] = cone.axis[1];
     batch->angle[i] = cone.angle;
 }
+/* How much a camera's motion can change any verdict by, at most, in lengths of the model: INFINITY
+ * where more than eye and planes has changed. size: no coordinate of a node is larger. Motions add
+ * up. */
+double mni_sieve_motion(const mni_lens *from, const mni_lens *to, double size);
 /* Nodes that are unwanted wherever the camera looks, as most of a front are: said from their
- * distance alone, of MNI_SIEVE_BATCH nodes whose bounds lie one after the other. 1: so it is; 0:
- * judge it. */
+ * distance alone, of MNI_SIEVE_BATCH nodes whose bounds lie one after the other. Above 0: so it is,
+ * and stays so for that much motion; 0: judge it. */
 void mni_sieve_far(const mni_sieve *sieve, const float *position, const float *radius,
-                   const float *switch_value, uint8_t far[MNI_SIEVE_BATCH]);
-/* Of all of a batch; whoever has filled less looks at so many. */
+                   const float *switch_value, float margin[MNI_SIEVE_BATCH]);
+/* Bit i: due[i] is not above the clock. */
+uint64_t mni_sieve_late(const float due[MNI_SIEVE_BATCH], float clock);
+/* Of all of a batch; whoever has filled less looks at so many. margin: the verdict, if there is
+ * one, stays for motions of less. */
 void mni_sieve_judge(const mni_sieve *sieve, const mni_sieve_batch *batch,
-                     uint8_t verdict[MNI_SIEVE_BATCH]);
+                     uint8_t verdict[MNI_SIEVE_BATCH], float margin[MNI_SIEVE_BATCH]);
 
 #endif

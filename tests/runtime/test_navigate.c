@@ -84,6 +84,37 @@ START_TEST(histories) {
 }
 END_TEST
 
+/* In small steps, where few nodes are looked at: the front, and who waits, as if all had been. */
+START_TEST(slow_flight) {
+    enum { FRAMES = 240, EVERY = 12 };
+    model m;
+    model_make(&m, (model_shape)_i, 3000, &levels_4);
+    mn_session_desc desc = model_desc(&m);
+    mn_session *walker = model_open(&desc);
+    uint64_t adapted = 0, waited = 0;
+    for (int i = 0; i < FRAMES; i++) {
+        double along = fabs(1 - 2.0 * i / FRAMES); /* there and back */
+        mn_camera camera = model_camera(&m, 0.2 * i / FRAMES, 1.1 + 4 * along * along);
+        adapted += frame(walker, camera).adapt;
+        if (i % EVERY > 0)
+            continue;
+        mn_session *fresh = model_open(&desc);
+        uint64_t expected = settled_hash(fresh, camera);
+        mn_frame_stats stats = frame(walker, camera);
+        ck_assert_uint_eq(stats.adapt, 0);
+        ck_assert_uint_eq(stats.front_hash, expected);
+        ck_assert_uint_eq(stats.waits_dependency, frame(fresh, camera).waits_dependency);
+        waited += stats.waits_dependency;
+        mn_session_check(walker);
+        mn_session_close(fresh);
+    }
+    ck_assert_uint_gt(adapted, 200);
+    ck_assert(waited > 0 || _i == MODEL_HEAP);
+    mn_session_close(walker);
+    model_free(&m);
+}
+END_TEST
+
 /* No frame does more than its budget, but for a chain that is longer than all of it and the first
  * of its frame; every frame with something left to do does something. */
 START_TEST(budget) {
@@ -248,6 +279,7 @@ int main(void) {
     tcase_set_timeout(tc, 120);
     tcase_add_loop_test(tc, one_frame_settles, 0, MODEL_SHAPES);
     tcase_add_loop_test(tc, histories, 0, MODEL_SHAPES);
+    tcase_add_loop_test(tc, slow_flight, 0, MODEL_SHAPES);
     tcase_add_test(tc, budget);
     tcase_add_test(tc, degrading);
     tcase_add_test(tc, degrading_in_motion);

@@ -53,13 +53,18 @@ static mn_weights random_weights(void) {
     return w;
 }
 
-static mni_lens random_lens(double size, double tolerance_px) {
+static mn_camera random_camera(double size) {
     mn_camera camera = {.up = {0, 1, 0}, .fov_y_deg = (float)uniform(10, 120)};
     double far = pow(10, uniform(-2, 1.5));
     for (int i = 0; i < 3; i++) {
         camera.eye[i] = (float)uniform(-far * size, far * size);
         camera.target[i] = (float)uniform(-size, size);
     }
+    return camera;
+}
+
+static mni_lens random_lens(double size, double tolerance_px) {
+    mn_camera camera = random_camera(size);
     mni_lens lens;
     mn_weights weights = random_weights();
     mni_lens_make(&lens, &camera, 1280, 720, size, tolerance_px, &weights);
@@ -76,9 +81,8 @@ static void move_to_the_edge(node *n, const mni_lens *lens) {
 }
 
 /* From the same bounds, laid out otherwise. */
-static void check_far(const mni_sieve *sieve, const mni_lens *lens, const node *nodes) {
+static void far_margins(const mni_sieve *sieve, const node *nodes, float far[MNI_SIEVE_BATCH]) {
     float position[3 * MNI_SIEVE_BATCH], radius[MNI_SIEVE_BATCH], value[MNI_SIEVE_BATCH];
-    uint8_t far[MNI_SIEVE_BATCH];
     for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
         for (int k = 0; k < 3; k++)
             position[3 * i + k] = nodes[i].position[k];
@@ -86,20 +90,27 @@ static void check_far(const mni_sieve *sieve, const mni_lens *lens, const node *
         value[i] = nodes[i].switch_value;
     }
     mni_sieve_far(sieve, position, radius, value, far);
+}
+
+static void check_far(const mni_sieve *sieve, const mni_lens *lens, const node *nodes) {
+    float far[MNI_SIEVE_BATCH];
+    far_margins(sieve, nodes, far);
     for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
         mni_bounds bounds = bounds_of(&nodes[i]);
-        ck_assert(!far[i] || mni_lens_error_px(lens, &bounds) * lens->most <= lens->tolerance_px);
+        ck_assert(!(far[i] > 0) ||
+                  mni_lens_error_px(lens, &bounds) * lens->most <= lens->tolerance_px);
     }
 }
 
 static uint32_t compare(const mni_sieve *sieve, const mni_lens *lens, const node *nodes) {
     static mni_sieve_batch batch;
     uint8_t verdict[MNI_SIEVE_BATCH];
+    float margin[MNI_SIEVE_BATCH];
     uint32_t unsure = 0;
     for (int i = 0; i < MNI_SIEVE_BATCH; i++)
         mni_sieve_put(&batch, i, nodes[i].position, nodes[i].radius, nodes[i].switch_value,
                       nodes[i].cone);
-    mni_sieve_judge(sieve, &batch, verdict);
+    mni_sieve_judge(sieve, &batch, verdict, margin);
     check_far(sieve, lens, nodes);
     for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
         mni_bounds bounds = bounds_of(&nodes[i]);
@@ -157,6 +168,57 @@ START_TEST(limits) {
 }
 END_TEST
 
+/* The camera a little further on, by any of its parts. */
+static mn_camera moved(mn_camera camera, double size) {
+    double step = size * pow(10, uniform(-4, -0.5));
+    for (int i = 0; i < 3; i++) {
+        camera.eye[i] += (float)uniform(-step, step);
+        camera.target[i] += (float)uniform(-step, step);
+        camera.up[i] += (float)uniform(-0.1, 0.1);
+    }
+    return camera;
+}
+
+/* A verdict stands for as much motion as its margin says, and margins are worth having. */
+START_TEST(margins_hold) {
+    static mni_sieve_batch batch;
+    uint64_t stood = 0, sure = 0;
+    double size = _i == 0 ? 1 : 3e5;
+    for (int round = 0; round < 6000; round++) {
+        mn_camera from = random_camera(size), to = moved(from, size);
+        mn_weights weights = random_weights();
+        mni_lens before, after;
+        double tolerance_px = pow(10, uniform(-2, 2));
+        mni_lens_make(&before, &from, 1280, 720, size, tolerance_px, &weights);
+        mni_lens_make(&after, &to, 1280, round % 2 ? 720 : 715, size, tolerance_px, &weights);
+        double motion = mni_sieve_motion(&before, &after, size);
+        ck_assert(round % 2 == 0 || isfinite(motion)); /* another height, another reach */
+        mni_sieve sieve;
+        mni_sieve_make(&sieve, &before, (float)size);
+        node nodes[MNI_SIEVE_BATCH];
+        uint8_t verdict[MNI_SIEVE_BATCH];
+        float margin[MNI_SIEVE_BATCH], far[MNI_SIEVE_BATCH];
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+            nodes[i] = random_node(size);
+            mni_sieve_put(&batch, i, nodes[i].position, nodes[i].radius, nodes[i].switch_value,
+                          nodes[i].cone);
+        }
+        mni_sieve_judge(&sieve, &batch, verdict, margin);
+        far_margins(&sieve, nodes, far);
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+            mni_bounds bounds = bounds_of(&nodes[i]);
+            bool wanted = mni_lens_wants(&after, &bounds);
+            ck_assert(!(far[i] > motion) || !wanted);
+            ck_assert(!(margin[i] > motion) || wanted == (verdict[i] == MNI_WANTED));
+            ck_assert(margin[i] == 0 || verdict[i] != MNI_UNSURE);
+            stood += margin[i] > motion;
+            sure += isfinite(motion) && verdict[i] != MNI_UNSURE;
+        }
+    }
+    ck_assert_uint_gt(stood, sure / 4);
+}
+END_TEST
+
 int main(void) {
     const char *seed = getenv("MN_SEED");
     random_state = seed != NULL ? strtoull(seed, NULL, 10) : 20261122;
@@ -165,6 +227,7 @@ int main(void) {
     TCase *tc = tcase_create("sieve");
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, never_wrong, 0, 4);
+    tcase_add_loop_test(tc, margins_hold, 0, 2);
     tcase_add_test(tc, limits);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
