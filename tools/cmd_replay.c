@@ -22,6 +22,7 @@ enum {
     IMAGES,
     IMAGES_EVERY,
     SETTLE,
+    PACED,
     STDIO_BYTES = 1 << 14,
     SETTLE_FRAMES_MAX = 1 << 20,
     FOLDOVER_SAMPLES = 8, /* frames of a run whose foldovers are counted: each is slow */
@@ -31,7 +32,7 @@ typedef struct replay {
     session_options options;
     const char *csv_name, *trace_name, *images_dir;
     uint64_t images_every;
-    bool settle;
+    bool settle, paced;
 
     mn_path *path;
     mn_session *session;
@@ -46,6 +47,7 @@ static void help(void) {
     printf("usage: metanode replay FILE.mnt --path P [OPTION …]\n\n"
            "Navigates along a path without a window, and prints how it went.\n\n%s"
            "  --settle          then let the last camera stand until settled, and go to the roots\n"
+           "  --paced           frames in real time even where no disk needs it: to compare times\n"
            "  --csv F           a row a frame\n"
            "  --trace F         what happens to place holders, event by event\n"
            "  --images DIR      a picture a frame, DIR/frame-000000.png …\n"
@@ -63,6 +65,7 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
                                             {"images", required_argument, NULL, IMAGES},
                                             {"images-every", required_argument, NULL, IMAGES_EVERY},
                                             {"settle", no_argument, NULL, SETTLE},
+                                            {"paced", no_argument, NULL, PACED},
                                             {"help", no_argument, NULL, 'h'},
                                             {0, 0, 0, 0}};
     int found;
@@ -94,6 +97,9 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
             break;
         case SETTLE:
             r->settle = true;
+            break;
+        case PACED:
+            r->paced = true;
             break;
         case 'h':
             help();
@@ -200,7 +206,8 @@ static void foldovers(replay *r) {
  * a barrier a frame takes what it takes. */
 static void pace(const replay *r, struct timespec *due) {
     const mn_session_desc *d = &r->options.desc;
-    if (!(d->fps > 0) || d->io == MN_IO_SIM || d->barrier || d->store == MN_STORE_RESIDENT)
+    const bool no_disk = d->io == MN_IO_SIM || d->barrier || d->store == MN_STORE_RESIDENT;
+    if (!(d->fps > 0) || (no_disk && !r->paced))
         return;
     int64_t ns = due->tv_nsec + (int64_t)(1e9 / (double)d->fps);
     due->tv_sec += (time_t)(ns / 1000000000);

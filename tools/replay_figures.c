@@ -75,6 +75,7 @@ void figures_frame(replay_figures *f, const mn_frame_stats *frame) {
     f->blocks_with_ancestors_max =
         max_of(f->blocks_with_ancestors_max, frame->blocks_with_ancestors);
     spread_add(&f->nav_ms, frame->nav_ms);
+    spread_add(&f->nav_cpu_ms, frame->nav_cpu_ms);
     spread_add(&f->error_px, frame->error_px);
 }
 
@@ -150,6 +151,9 @@ static void json_frames(json *j, const replay_figures *f) {
     json_f64(j, "nav_ms_p50", spread_quantile(&f->nav_ms, 0.5));
     json_f64(j, "nav_ms_p99", spread_quantile(&f->nav_ms, 0.99));
     json_f64(j, "nav_ms_max", f->nav_ms.max);
+    json_f64(j, "nav_cpu_ms_p50", spread_quantile(&f->nav_cpu_ms, 0.5));
+    json_f64(j, "nav_cpu_ms_p99", spread_quantile(&f->nav_cpu_ms, 0.99));
+    json_f64(j, "nav_cpu_ms_max", f->nav_cpu_ms.max);
     json_f64(j, "error_px_p50", spread_quantile(&f->error_px, 0.5));
     json_f64(j, "error_px_p95", spread_quantile(&f->error_px, 0.95));
     json_f64(j, "error_px_max", f->error_px.max);
@@ -177,6 +181,7 @@ static void json_totals(json *j, const mn_session_stats *t) {
     json_u64(j, "io_errors", t->io_errors);
     json_u64(j, "nav_lock_waits", t->nav_lock_waits);
     json_f64(j, "nav_lock_wait_us_max", 1e-3 * (double)t->nav_lock_wait_ns_max);
+    json_f64(j, "io_busy_seconds", 1e-9 * (double)t->io_busy_ns);
     json_f64(j, "io_lock_hold_us_max", 1e-3 * (double)t->io_lock_hold_ns_max);
 }
 

@@ -130,6 +130,7 @@ typedef struct mn_frame_stats {
     uint64_t misses, refused_front, refused_budget, refused_pool, waits_dependency;
     uint64_t active_nodes, triangles;
     double nav_ms;            /* of the Navigate loop: no drawing, no statistics, no waiting */
+    double nav_cpu_ms;        /* the same, of the processor: what others do does not count */
     double tolerance_px;      /* used, degrading included */
     double error_px;          /* largest projected switch value, the grid's error added, over active
                                  nodes inside the frustum that do not face away */
@@ -152,6 +153,7 @@ typedef struct mn_session_stats {
     uint64_t urgent_up, urgent_down, urgent_down_refused, evictions;
     uint64_t checksum_failures, io_errors;
     uint64_t nav_lock_waits, nav_lock_wait_ns_max; /* Navigate's waits for a lock, in frames */
+    uint64_t io_busy_ns; /* in which reads were in flight, or their blocks looked at; 0: simulated */
     uint64_t io_lock_hold_ns_max; /* longest hold of the pool's by the I/O thread */
 } mn_session_stats;
 

@@ -157,6 +157,7 @@ void mni_board_tell(mni_board *board, mni_board_news *news) {
             board->open -= news->ended[kind][end];
             board->counts.ended[kind][end] += news->ended[kind][end];
         }
+    board->counts.busy_ns += news->busy_ns;
     MN_ASSERT(unended(board) == board->open);
     if (board->open == 0)
         pthread_cond_signal(&board->quiet);

@@ -69,6 +69,7 @@ typedef enum mni_end {
 typedef struct mni_board_counts {
     uint64_t posted[MNI_COMMANDS];
     uint64_t ended[MNI_COMMANDS][MNI_ENDS];
+    uint64_t busy_ns;
 } mni_board_counts;
 
 /* What a frame posts, and what it takes back. */
@@ -83,6 +84,7 @@ typedef struct mni_batch {
 typedef struct mni_board_news {
     uint32_t own; /* prefetches that it has posted to itself */
     uint32_t ended[MNI_COMMANDS][MNI_ENDS];
+    uint64_t busy_ns; /* with reads in flight */
 } mni_board_news;
 
 typedef struct mni_command_ring {

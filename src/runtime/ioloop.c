@@ -13,8 +13,10 @@
 #include "frame.h"
 
 enum {
-    FRUITLESS_MAX = 32,              /* EAGAIN and the like in a row, before a read has failed */
-    PAUSE_NS = 1000 * 1000,          /* when the kernel has no room for any read */
+    FRUITLESS_MAX = 32,     /* EAGAIN and the like in a row, before a read has failed */
+    PAUSE_NS = 1000 * 1000, /* when the kernel has no room for any read */
+    FIRST_READS_MAX =
+        256, /* of the top of the tree, while the session is opened: 2 MB of 8 KiB blocks */
     THREAD_STACK_BYTES = 256 * 1024, /* checking a block's contents needs little */
 };
 #define SCOUT_URGENCY 0.25f /* of a block that is read while there are empty places */
@@ -27,6 +29,8 @@ size_t mni_ioloop_need(uint32_t block_bytes_max, uint32_t look_bytes) {
 }
 
 void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena) {
+    uint32_t k = loop->pool->holders.k;
+    loop->first_reads = k / 2 < FIRST_READS_MAX ? k / 2 : FIRST_READS_MAX;
     mni_scouts_open(&loop->scouts, arena);
     loop->look = mni_arena_take(arena, look_bytes, 1, 64);
     uint32_t refs_max = mni_frame_refs_max(loop->header->block_bytes_max);
@@ -36,10 +40,18 @@ void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena) {
 
 /* ---- completing ------------------------------------------------------------------------------ */
 
+static uint64_t now_ns(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
 static void request_free(mni_ioloop *loop, mni_request *request) {
     MN_ASSERT(request->state != MNI_REQUEST_FREE && loop->busy > 0);
     request->state = MNI_REQUEST_FREE;
     loop->busy--;
+    if (loop->busy == 0)
+        loop->news.busy_ns += now_ns() - loop->busy_since_ns;
 }
 
 static void fail(mni_ioloop *loop, mni_request *request, bool io, const char *why) {
@@ -64,32 +76,43 @@ static const char *fault_of(const mni_ioloop *loop, const mni_load *load) {
     return NULL;
 }
 
-/* Sends scouts to what the camera wants, or may soon want, below a block that has come and is still
- * ours. */
-static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_notes *notes) {
+/* Sends a scout to reference i of a block that has come. */
+static void scout_send(mni_ioloop *loop, const mni_load *load, uint32_t i, mni_command command,
+                       float urgency) {
+    command.kind = MNI_COMMAND_PREFETCH;
+    command.ref = mni_frame_ref(load->bytes, i);
+    command.parent_id = load->ref.id;
+    command.sponsor = MN_NONE;
+    if ((uint64_t)command.ref.pages * MN_PAGE_BYTES > loop->header->block_bytes_max)
+        return; /* a lying file */
+    loop->news.own++;
+    if (!mni_scouts_push(&loop->scouts, &command, urgency))
+        loop->news.ended[MNI_COMMAND_PREFETCH][MNI_END_GIVEN_UP]++;
+}
+
+/* To what the camera wants, or may soon want, below a block that has come and is still ours. Before
+ * there is a camera: to the top of the tree, level by level. */
+static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command *from) {
     if (loop->rate == NULL)
         return;
     (void)mni_board_look_get(loop->board, loop->look, &loop->looks);
-    if (loop->looks == 0)
-        return;
+    bool starts = loop->looks == 0;
     mni_frame frame;
     mni_frame_get(load->bytes, &frame);
-    loop->rate(loop->rate_context, loop->look, load->bytes, notes, loop->urgency, loop->below);
+    if (!starts)
+        loop->rate(loop->rate_context, loop->look, load->bytes, &from->notes, loop->urgency,
+                   loop->below);
     for (uint32_t i = 0; i < frame.refs; i++) {
-        if (!(loop->urgency[i] >= SCOUT_URGENCY))
-            continue;
-        mni_command command = {.kind = MNI_COMMAND_PREFETCH,
-                               .places = loop->urgency[i] < 1 ? MNI_PLACES_EMPTY : MNI_PLACES_SPARE,
-                               .ref = mni_frame_ref(load->bytes, i),
-                               .parent_id = load->ref.id,
-                               .sponsor = MN_NONE,
-                               .notes = loop->below[i]};
-        bool fits = (uint64_t)command.ref.pages * MN_PAGE_BYTES <= loop->header->block_bytes_max;
-        if (!fits)
-            continue; /* a lying file */
-        loop->news.own++;
-        if (!mni_scouts_push(&loop->scouts, &command, loop->urgency[i]))
-            loop->news.ended[MNI_COMMAND_PREFETCH][MNI_END_GIVEN_UP]++;
+        if (starts && loop->first_reads > 0) {
+            loop->first_reads--;
+            scout_send(loop, load, i,
+                       (mni_command){.places = MNI_PLACES_EMPTY, .due = from->due + 1},
+                       1 / (2.0f + (float)from->due));
+        } else if (!starts && loop->urgency[i] >= SCOUT_URGENCY) {
+            mni_places places = loop->urgency[i] < 1 ? MNI_PLACES_EMPTY : MNI_PLACES_SPARE;
+            scout_send(loop, load, i, (mni_command){.places = places, .notes = loop->below[i]},
+                       loop->urgency[i]);
+        }
     }
 }
 
@@ -99,7 +122,7 @@ static void complete(mni_ioloop *loop, mni_request *request) {
         fail(loop, request, false, why);
         return;
     }
-    scout_from(loop, &request->load, &request->command.notes);
+    scout_from(loop, &request->load, &request->command);
     mni_pool_loaded(loop->pool, &request->command, &request->load);
     loop->news.ended[request->command.kind][MNI_END_LOADED]++;
     request_free(loop, request);
@@ -191,7 +214,8 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
         MN_ASSERT(tag < MNI_DISK_DEPTH);
         loop->request[tag] =
             (mni_request){.state = MNI_REQUEST_AGAIN, .command = *command, .load = load};
-        loop->busy++;
+        if (loop->busy++ == 0)
+            loop->busy_since_ns = now_ns();
         (void)submit(loop, tag); /* no room: with the next step */
         return true;
     }

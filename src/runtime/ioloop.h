@@ -48,11 +48,13 @@ typedef struct mni_ioloop {
     uint32_t next, fetched_count;
     bool stalled; /* the next one is urgent and waits for a place */
     mni_board_news news;
+    uint64_t busy_since_ns; /* busy has been above 0 */
     mni_scouts scouts;
-    unsigned char *look; /* as last seen on the board */
-    uint64_t looks;      /* 0: never */
-    float *urgency;      /* of a block's references … */
-    mni_notes *below;    /* … and what is known of them */
+    uint32_t first_reads; /* that the scouts may still ask for before there is a camera */
+    unsigned char *look;  /* as last seen on the board */
+    uint64_t looks;       /* 0: never */
+    float *urgency;       /* of a block's references … */
+    mni_notes *below;     /* … and what is known of them */
 } mni_ioloop;
 
 /* What open takes from the arena. */

@@ -49,10 +49,18 @@ struct mn_session {
     mn_session_stats total;
 };
 
-static double now_ms(void) {
+static double ms_of(clockid_t clock) {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(clock, &t);
     return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+}
+
+static double now_ms(void) {
+    return ms_of(CLOCK_MONOTONIC);
+}
+
+static double cpu_ms(void) {
+    return ms_of(CLOCK_THREAD_CPUTIME_ID);
 }
 
 /* ---- open ------------------------------------------------------------------------------------ */
@@ -171,7 +179,7 @@ const mn_header *mn_session_header(const mn_session *s) {
 
 /* One round of Navigate. Adds to *stats; returns whether anything changed or is still to come. */
 static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
-    double start_ms = now_ms();
+    double start_ms = now_ms(), start_cpu_ms = cpu_ms();
     (void)mni_lock_waits_since(); /* those outside of frames */
     mni_store_frame_begin(s->store);
     mni_navigator_frame(&s->nav, camera, s->tolerance_px);
@@ -181,6 +189,7 @@ static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *sta
     uint32_t pending = mni_store_pending(s->store);
     mni_navigator_give_way(&s->nav, pending > 0);
     stats->nav_ms += now_ms() - start_ms - waits_ms;
+    stats->nav_cpu_ms += cpu_ms() - start_cpu_ms;
     mni_lock_waits locks = mni_lock_waits_since();
     s->total.nav_lock_waits += locks.count;
     if (locks.max_ns > s->total.nav_lock_wait_ns_max)

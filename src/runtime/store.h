@@ -87,9 +87,9 @@ enum { MNI_LOOK_BYTES_MAX = 1024 };
 /* Entries that the table will have: for arrays beside it. */
 uint32_t mni_store_entries_max(const mn_header *header, mn_store_kind kind, uint32_t k);
 
-/* Opens the file, starts the I/O thread, loads the root blocks (the one wait) and asks for their
- * children. The arena must have mni_store_need_bytes left. MN_BAD_INPUT: a root block is damaged.
- */
+/* Opens the file, starts the I/O thread, loads the root blocks and, with MN_PREFETCH_AHEAD, the top
+ * of the tree (the one wait); otherwise asks for the roots' children. The arena must have
+ * mni_store_need_bytes left. MN_BAD_INPUT: a root block is damaged. */
 mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store **out,
                        mn_status *st);
 void mni_store_close(mni_store *store);

@@ -106,6 +106,14 @@ static void frame_end(void *self, double frame_s) {
 
 /* ---- open and close -------------------------------------------------------------------------- */
 
+static bool is_root(const paged *p, uint32_t block_id) {
+    const mn_header *header = p->desc.header;
+    for (uint32_t r = 0; r < header->roots; r++)
+        if (header->root[r].block.id == block_id)
+            return true;
+    return false;
+}
+
 static bool roots_are_there(paged *p) {
     const mn_header *header = p->desc.header;
     bool all = true;
@@ -121,7 +129,11 @@ static mn_code load_roots(paged *p, mn_status *st) {
     mni_report reports[MNI_REPORTS_MAX], last = {0};
     for (uint32_t frame = 0; frame < ROOT_FRAMES_MAX; frame++) {
         uint32_t count = mni_pool_begin_frame(&p->pool, reports);
-        last = count > 0 ? reports[count - 1] : last;
+        for (uint32_t i = 0; i < count; i++)
+            if (is_root(p, reports[i].block_id))
+                last = reports[i];
+            else
+                report(p, &reports[i]); /* of the top of the tree: the run goes on without */
         if (roots_are_there(p))
             return MN_OK;
         for (uint32_t r = 0; r < header->roots; r++)
@@ -304,6 +316,7 @@ static void stats(void *self, mn_session_stats *out) {
     out->checksum_failures = pool.checksum_failures;
     out->io_errors = pool.io_errors;
     out->io_lock_hold_ns_max = pool.io_lock_hold_ns_max;
+    out->io_busy_ns = p->disk.method->own_time ? 0 : counts.busy_ns;
     out->prefetches = counts.posted[MNI_COMMAND_PREFETCH];
     out->urgent_up = counts.posted[MNI_COMMAND_URGENT_UP];
     out->urgent_down = counts.posted[MNI_COMMAND_URGENT_DOWN];
