@@ -11,7 +11,7 @@
 #include "assert.h"
 #include "reader.h"
 
-enum { BUFFERS_SHARE = 8, BUFFER_BYTES_MAX = 1 << 20 };
+enum { BUFFERS_SHARE = 8, BUFFER_BYTES_MAX = 1 << 20, MAP_SHARE = 2, BUCKETS_SHARE = 4 };
 
 /* A multiple of all records that are read or written here: 4, 12, 16, 20, 32 bytes. */
 #define BUFFER_UNIT 480
@@ -53,8 +53,37 @@ bool mni_ext_spill_good(mni_extintake *x, const mni_spill *spill) {
     return spill->trouble.code == MN_OK;
 }
 
+bool mni_ext_bucket_put(mni_extintake *x, uint64_t bucket, const void *bytes, size_t count) {
+    mni_ext_bucket *b = &x->bucket[bucket];
+    if (b->spill.fd < 0) {
+        if (!mni_ext_spill_open(x, &b->spill))
+            return false;
+        mni_spill_writer_open(&b->to, &b->spill, b->buffer, x->bucket_bytes);
+    }
+    mni_spill_put(&b->to, bytes, count);
+    return true;
+}
+
 /* ---- open, close -------------------------------------------------------------------------------
  */
+
+static bool open_buffers(mni_extintake *x) {
+    uint64_t work = x->desc.work_bytes, each = work / BUFFERS_SHARE / MNI_EXT_BUFFERS;
+    each = each < BUFFER_BYTES_MAX ? each : BUFFER_BYTES_MAX;
+    x->buffer_bytes = each / BUFFER_UNIT * BUFFER_UNIT;
+    each = work / BUCKETS_SHARE / MNI_EXT_BUCKETS;
+    x->bucket_bytes = (each < BUFFER_BYTES_MAX ? each : BUFFER_BYTES_MAX) / 16 * 16;
+    x->window = work / MAP_SHARE / sizeof *x->map / 3 * 3; /* a soup's triangles are not cut */
+    uint64_t bytes =
+        MNI_EXT_BUFFERS * (x->buffer_bytes + 16) + MNI_EXT_BUCKETS * x->bucket_bytes + 16;
+    if (mni_arena_open(&x->arena, bytes, x->st) != MN_OK)
+        return false;
+    for (int i = 0; i < MNI_EXT_BUFFERS; i++)
+        x->buffer[i] = mni_arena_take(&x->arena, x->buffer_bytes, 1, 16);
+    for (int i = 0; i < MNI_EXT_BUCKETS; i++)
+        x->bucket[i].buffer = mni_arena_take(&x->arena, x->bucket_bytes, 1, 16);
+    return true;
+}
 
 mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_desc *read, bool soup,
                                   const char *name, mn_status *st) {
@@ -69,25 +98,20 @@ mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_de
     x->apart = read->weld == MN_WELD_OFF && !soup;
     x->name = name;
     x->st = st;
-    x->narrow.fd = x->wide.fd = x->corners.fd = x->placed.fd = -1;
+    x->narrow.fd = x->wide.fd = x->sequence.fd = x->placed.fd = -1;
     x->result.vertex.fd = x->result.triangle.fd = -1;
+    for (int i = 0; i < MNI_EXT_BUCKETS; i++)
+        x->bucket[i].spill.fd = -1;
     for (int i = 0; i < 3; i++) {
         x->low[i] = INFINITY;
         x->high[i] = -INFINITY;
     }
-    uint64_t each = desc->work_bytes / BUFFERS_SHARE / MNI_EXT_BUFFERS;
-    x->buffer_bytes =
-        (each < BUFFER_BYTES_MAX ? each : BUFFER_BYTES_MAX) / BUFFER_UNIT * BUFFER_UNIT;
-    bool ok = mni_arena_open(&x->arena, MNI_EXT_BUFFERS * (x->buffer_bytes + 16), st) == MN_OK;
-    for (int i = 0; i < MNI_EXT_BUFFERS && ok; i++)
-        x->buffer[i] = mni_arena_take(&x->arena, x->buffer_bytes, 1, 16);
-    ok = ok && mni_ext_spill_open(x, &x->narrow) && (soup || mni_ext_spill_open(x, &x->corners));
-    if (!ok) {
+    if (!open_buffers(x) || !mni_ext_spill_open(x, &x->narrow)) {
         mni_extintake_close(x);
         return NULL;
     }
     mni_spill_writer_open(&x->to_narrow, &x->narrow, x->buffer[0], x->buffer_bytes);
-    mni_spill_writer_open(&x->to_corners, &x->corners, x->buffer[1], x->buffer_bytes);
+    mni_spill_writer_open(&x->to_sequence, &x->sequence, x->buffer[1], x->buffer_bytes);
     mni_spill_writer_open(&x->to_wide, &x->wide, x->buffer[2], x->buffer_bytes);
     return x;
 }
@@ -95,12 +119,12 @@ mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_de
 void mni_extintake_close(mni_extintake *x) {
     if (x == NULL)
         return;
-    mni_spill *spills[] = {&x->narrow, &x->wide, &x->corners, &x->placed};
-    mni_sort **sorts[] = {&x->map_sort, &x->corner_sort, &x->triangle_sort};
+    mni_spill *spills[] = {&x->narrow, &x->wide, &x->sequence, &x->placed};
     for (size_t i = 0; i < sizeof spills / sizeof spills[0]; i++)
         mni_spill_close(spills[i]);
-    for (size_t i = 0; i < sizeof sorts / sizeof sorts[0]; i++)
-        mni_sort_close(*sorts[i]);
+    for (int i = 0; i < MNI_EXT_BUCKETS; i++)
+        mni_spill_close(&x->bucket[i].spill);
+    mni_sort_close(x->triangle_sort);
     mni_ext_edges_close(x);
     mni_extmesh_close(&x->result);
     free(x->map);
@@ -119,8 +143,11 @@ void mni_extmesh_close(mni_extmesh *mesh) {
 
 /* Looks at the disk's answers now and then: a reader is to stop when the disk is full. */
 static bool written(mni_extintake *x) {
+    for (int i = 0; i < MNI_EXT_BUCKETS; i++)
+        if (!mni_ext_spill_good(x, &x->bucket[i].spill))
+            return false;
     return mni_ext_spill_good(x, &x->narrow) && mni_ext_spill_good(x, &x->wide) &&
-           mni_ext_spill_good(x, &x->corners);
+           mni_ext_spill_good(x, &x->sequence);
 }
 
 static bool is_float(double x) {
@@ -151,6 +178,20 @@ bool mni_extintake_vertex(mni_extintake *x, const double position[3], uint32_t r
     return x->vertices % 1024 != 0 || written(x);
 }
 
+/* Into its bucket. One past all buckets is too many vertices, or none: known when all have come. */
+static bool put_corner(mni_extintake *x, uint32_t vertex, uint64_t corner) {
+    uint64_t to = vertex / x->window;
+    uint8_t bucket = to < MNI_EXT_BUCKETS ? (uint8_t)to : MNI_EXT_BUCKETS - 1;
+    if (bucket > 0 && x->sequence.fd < 0) {
+        x->sequence_begin = corner;
+        if (!mni_ext_spill_open(x, &x->sequence))
+            return false;
+    }
+    if (x->sequence.fd >= 0)
+        mni_spill_put(&x->to_sequence, &bucket, 1);
+    return mni_ext_bucket_put(x, bucket, &vertex, sizeof vertex);
+}
+
 bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c) {
     const uint32_t corner[3] = {a, b, c};
     x->counts.input_faces++;
@@ -158,8 +199,9 @@ bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c
         x->counts.degenerate_faces++;
         return true;
     }
-    if (!x->soup)
-        mni_spill_put(&x->to_corners, corner, sizeof corner);
+    for (uint32_t i = 0; i < 3 && !x->soup; i++)
+        if (!put_corner(x, corner[i], 3 * x->triangles + i))
+            return false;
     x->triangles++;
     return x->triangles % 1024 != 0 || written(x);
 }
@@ -169,11 +211,24 @@ bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c
 
 static bool end_pushing(mni_extintake *x) {
     mni_spill_end(&x->to_narrow);
-    if (x->corners.fd >= 0)
-        mni_spill_end(&x->to_corners);
     if (x->wide.fd >= 0)
         mni_spill_end(&x->to_wide);
-    return written(x);
+    if (x->sequence.fd >= 0)
+        mni_spill_end(&x->to_sequence);
+    for (int i = 0; i < MNI_EXT_BUCKETS; i++) {
+        mni_ext_bucket *b = &x->bucket[i];
+        if (b->spill.fd >= 0)
+            mni_spill_end(&b->to);
+        b->pairs = b->spill.size_bytes;
+    }
+    if (x->vertices <= MNI_EXT_BUCKETS * x->window)
+        return written(x);
+    mn_fail(x->st, MN_CAP_TOO_SMALL,
+            "%s: %llu vertices are more than the %llu that can be numbered in so little memory: "
+            "raise --ram",
+            x->name, (unsigned long long)x->vertices,
+            (unsigned long long)(MNI_EXT_BUCKETS * x->window));
+    return false;
 }
 
 bool mni_extintake_finish(mni_extintake *x, mni_extmesh *out) {

@@ -2,7 +2,7 @@
  * and keeps the order of the steps, extnumber.c numbers vertices, extfaces.c judges triangles,
  * extedges.c counts edges.
  *
- *   pushed ─► narrow, wide: vertices as they came      corners: triangles as they came
+ *   pushed ─► narrow, wide: vertices as they came      buckets: corners, by ranges of vertices
  *                    │ sort by place                      │
  *                    ▼                                    ▼
  *              placed: one vertex a place ── map ──► corners by their places' numbers
@@ -10,8 +10,9 @@
  *                                                         ▼
  *              used ones only ──► vertex              triangle ──► edges, swept: counts
  *
- * Memory, in shares of work_bytes: a sort takes a quarter, and three are open at most; the map,
- * where it fits half, saves two of them; a bit (and a bit) a place an eighth, buffers an eighth.
+ * Memory, in shares of work_bytes: the map of a bucket takes half, a sort a quarter (that of
+ * vertices half, while there is no map), buffers of buckets a quarter until vertices have their
+ * places, a bit (and a bit) a place an eighth, other buffers an eighth; 50 kB of structs apart.
  * Every bool: false means that the status has been filled. One thread. */
 #ifndef MNI_EXTINTAKE_H
 #define MNI_EXTINTAKE_H
@@ -34,7 +35,16 @@ void mni_extintake_close(mni_extintake *x); /* NULL is allowed */
 
 /* ---- between the files ----------------------------------------------------------------------- */
 
-enum { MNI_EXT_BUFFERS = 3 };
+enum { MNI_EXT_BUFFERS = 3, MNI_EXT_BUCKETS = 64 };
+
+/* A range of `window` vertices: what refers to them, one piece of the file behind the other. */
+typedef struct mni_ext_bucket {
+    mni_spill spill; /* corners, in the input's order; pairs of vertex and place; the corners */
+    uint64_t pairs, found; /* once more, by places: where these begin */
+    mni_spill_writer to;
+    mni_spill_reader from;
+    unsigned char *buffer;
+} mni_ext_bucket;
 
 struct mni_extintake {
     /* const after open */
@@ -52,14 +62,17 @@ struct mni_extintake {
     bool has_colors;
     double low[3], high[3]; /* of finite vertices */
     mni_spill narrow, wide; /* vertices: as long as floats hold them, and from then on */
-    mni_spill corners;      /* 3 × triangles; none of a soup */
-    mni_spill_writer to_narrow, to_wide, to_corners;
+    uint64_t window;        /* vertices of a bucket; const */
+    size_t bucket_bytes;    /* of a bucket's buffer; const */
+    mni_ext_bucket bucket[MNI_EXT_BUCKETS];
+    mni_spill sequence;      /* a byte a corner: its bucket, from the first on that is not in 0 */
+    uint64_t sequence_begin; /* corners before that one */
+    mni_spill_writer to_narrow, to_wide, to_sequence;
 
     /* numbering */
     uint64_t places;  /* different finite positions: numbers 0 … places - 1 */
     mni_spill placed; /* by place: mni_extvertex, or mni_ext_wide where floats do not hold them */
-    uint32_t *map;    /* by pushed vertex: its place, or MN_NONE; NULL: map_sort has it */
-    mni_sort *map_sort, *corner_sort;
+    uint32_t *map;    /* of one bucket's vertices: their places, or MN_NONE */
 
     /* triangles */
     uint64_t *used;        /* a bit a place */
@@ -89,11 +102,21 @@ static inline bool mni_ext_is_wide(const mni_extintake *x) {
     return x->narrow_vertices < x->vertices;
 }
 
-typedef enum mni_ext_share { MNI_EXT_QUARTER = 4, MNI_EXT_EIGHTH = 8 } mni_ext_share;
+typedef enum mni_ext_share {
+    MNI_EXT_HALF = 2,
+    MNI_EXT_QUARTER = 4,
+    MNI_EXT_EIGHTH = 8
+} mni_ext_share;
 bool mni_ext_sort_open(mni_extintake *x, mni_sort **sort, uint32_t record_bytes, mni_sort_key key,
                        mni_ext_share share);
 /* Adds up what it moved, and closes it. */
 void mni_ext_sort_close(mni_extintake *x, mni_sort **sort);
+/* Buckets that the vertices fall into; at least one. */
+static inline uint64_t mni_ext_buckets(const mni_extintake *x) {
+    return x->vertices == 0 ? 1 : (x->vertices + x->window - 1) / x->window;
+}
+/* The bucket's, made with the first use. */
+bool mni_ext_bucket_put(mni_extintake *x, uint64_t bucket, const void *bytes, size_t count);
 bool mni_ext_spill_open(mni_extintake *x, mni_spill *spill);
 void mni_ext_spill_close(mni_extintake *x, mni_spill *spill);
 /* The spill's failure, if there is one, becomes the intake's. */

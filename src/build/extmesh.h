@@ -38,14 +38,15 @@ typedef struct mni_extmesh {
 
 typedef struct mni_extmesh_desc {
     uint64_t work_bytes;  /* at least MNI_EXTMESH_WORK_MIN: all that is taken, the reader's own
-                             buffers and a few structs apart */
+                             buffers and 50 kB of structs apart */
     const char *temp_dir; /* outlives the mesh */
 } mni_extmesh_desc;
 
 #define MNI_EXTMESH_WORK_MIN (UINT64_C(256) << 10)
 
 /* As mn_mesh_read (read->ram_bytes is not asked). MN_NO_SPACE: temp_dir is full;
- * MN_CAP_TOO_SMALL: a bit a vertex does not fit an eighth of work_bytes. On failure *out is closed.
+ * MN_CAP_TOO_SMALL: a bit a vertex does not fit an eighth of
+ * work_bytes, or vertices are more than 8 × work_bytes. On failure *out is closed.
  */
 mn_code mni_extmesh_read(const char *path, const mn_read_desc *read, const mni_extmesh_desc *desc,
                          mni_extmesh *out, mn_status *st);

@@ -2,17 +2,24 @@
  *
  * Vertices are sorted by where they lie along a Z-order curve through the box of all, and by a hash
  * of their position where they share a cell of it; equal positions are then neighbours, the first
- * of the input first, and their rank is their place. The map from pushed vertices to places is an
- * array where it fits. Else it is sorted by vertex, corners are sorted by vertex, the two are read
- * side by side, and what comes out, corners with their places, is sorted back into the input's
- * order. A soup's corners are its vertices, and need the last of these sorts only.
+ * of the input first, and their rank is their place.
  *
- * Secret: the curve, the join. One thread. (design.md §3.1, §3.3) */
+ * The map from pushed vertices to places is an array, of one bucket's vertices at a time: pairs of
+ * vertex and place went to their buckets, as corners did before. A bucket's corners are read,
+ * looked up and written anew; then all are read side by side, in the sequence that was kept, and
+ * are in the input's order again. With one bucket nothing of that is written. A soup's corners are
+ * its vertices: its buckets are its triangles, one after the other.
+ *
+ * (To sort corners by vertex, to join, and to sort back would move 96 bytes a triangle; this
+ * is 30.)
+ *
+ * Secret: the curve, the buckets. One thread. (design.md §3.1, §3.3) */
 #include "extintake.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include <xxhash.h>
 
@@ -22,7 +29,6 @@
 enum {
     AXIS_BITS = 21,    /* 3 × 21 fit a word */
     SAME_KEY_MAX = 16, /* different positions of one cell and one hash of 64 bits: hardly two */
-    MAP_SHARE = 2,
 };
 
 typedef struct entry { /* what is sorted; wide ones have all of it */
@@ -36,9 +42,8 @@ typedef struct entry { /* what is sorted; wide ones have all of it */
 #define NARROW_BYTES (offsetof(entry, at) + 3 * sizeof(float))
 #define WIDE_BYTES (offsetof(entry, at) + 3 * sizeof(double))
 
-/* number → place, or vertex → corner, or corner → place. */
 typedef struct pair {
-    uint32_t from, to;
+    uint32_t vertex, place;
 } pair;
 
 /* Every third bit. */
@@ -60,20 +65,17 @@ static uint64_t cell_of(const mni_extintake *x, double scale, const double p[3])
     return cell;
 }
 
-static bool map_vertex(mni_extintake *x, uint32_t number, uint32_t place) {
-    const pair p = {number, place};
-    if (x->map != NULL)
-        x->map[number] = place;
-    else
-        mni_sort_put(x->map_sort, &p);
+static bool map_vertex(mni_extintake *x, uint32_t vertex, uint32_t place) {
+    const pair p = {vertex, place};
+    if (x->map == NULL)
+        return mni_ext_bucket_put(x, vertex / x->window, &p, sizeof p);
+    x->map[vertex] = place;
     return true;
 }
 
-static bool open_map(mni_extintake *x) {
-    uint64_t bytes = x->vertices * sizeof *x->map;
-    if (bytes > x->desc.work_bytes / MAP_SHARE)
-        return mni_ext_sort_open(x, &x->map_sort, sizeof(pair), MNI_SORT_U32, MNI_EXT_QUARTER);
-    x->map = malloc(bytes + 1);
+static bool take_map(mni_extintake *x) {
+    uint64_t vertices = x->vertices < x->window ? x->vertices : x->window;
+    x->map = malloc(vertices * sizeof *x->map + 1);
     if (x->map == NULL)
         mn_fail(x->st, MN_FAILED, "%s: no memory", x->name);
     return x->map != NULL;
@@ -81,11 +83,10 @@ static bool open_map(mni_extintake *x) {
 
 /* ---- vertices ------------------------------------------------------------------------------- */
 
-static void sort_vertex(mni_extintake *x, mni_sort *sort, double scale, const double p[3],
+static bool sort_vertex(mni_extintake *x, mni_sort *sort, double scale, const double p[3],
                         uint32_t rgba, uint64_t number) {
     if (isnan(p[0])) {
-        map_vertex(x, (uint32_t)number, MN_NONE);
-        return;
+        return map_vertex(x, (uint32_t)number, MN_NONE);
     }
     entry e = {.cell = cell_of(x, scale, p), .number = (uint32_t)number, .rgba = rgba};
     e.hash = x->apart ? number : XXH3_64bits(p, 3 * sizeof *p);
@@ -95,6 +96,7 @@ static void sort_vertex(mni_extintake *x, mni_sort *sort, double scale, const do
         for (int i = 0; i < 3; i++)
             e.at.narrow[i] = (float)p[i];
     mni_sort_put(sort, &e);
+    return true;
 }
 
 static bool sort_vertices(mni_extintake *x, mni_sort *sort) {
@@ -108,7 +110,8 @@ static bool sort_vertices(mni_extintake *x, mni_sort *sort) {
                           true);
     while ((narrow = mni_spill_take(&r, sizeof *narrow)) != NULL) {
         const double p[3] = {narrow->position[0], narrow->position[1], narrow->position[2]};
-        sort_vertex(x, sort, scale, p, narrow->rgba, number++);
+        if (!sort_vertex(x, sort, scale, p, narrow->rgba, number++))
+            return false;
     }
     bool good = mni_ext_spill_good(x, &x->narrow);
     mni_ext_spill_close(x, &x->narrow);
@@ -117,7 +120,8 @@ static bool sort_vertices(mni_extintake *x, mni_sort *sort) {
         mni_spill_reader_open(&r, &x->wide, 0, x->wide.size_bytes, x->buffer[0], x->buffer_bytes,
                               true);
         while ((wide = mni_spill_take(&r, sizeof *wide)) != NULL)
-            sort_vertex(x, sort, scale, wide->position, wide->rgba, number++);
+            if (!sort_vertex(x, sort, scale, wide->position, wide->rgba, number++))
+                return false;
         good = mni_ext_spill_good(x, &x->wide);
     }
     mni_ext_spill_close(x, &x->wide);
@@ -161,7 +165,8 @@ static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
             write_place(x, &w, &e);
             x->places++;
         }
-        map_vertex(x, e.number, (uint32_t)(x->places - count + i));
+        if (!map_vertex(x, e.number, (uint32_t)(x->places - count + i)))
+            return false;
     }
     mni_spill_end(&w);
     return x->st->code == MN_OK && mni_ext_spill_good(x, &x->placed);
@@ -170,10 +175,11 @@ static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
 bool mni_ext_place_vertices(mni_extintake *x) {
     mni_sort *sort = NULL;
     uint32_t bytes = (uint32_t)(mni_ext_is_wide(x) ? WIDE_BYTES : NARROW_BYTES);
-    bool ok = open_map(x) && mni_ext_spill_open(x, &x->placed) &&
-              mni_ext_sort_open(x, &sort, bytes, MNI_SORT_U128, MNI_EXT_QUARTER) &&
-              sort_vertices(x, sort) && mni_sort_finish(sort, x->st) == MN_OK &&
-              weld_sorted(x, sort);
+    bool one = mni_ext_buckets(x) == 1;
+    bool ok =
+        (!one || take_map(x)) && mni_ext_spill_open(x, &x->placed) &&
+        mni_ext_sort_open(x, &sort, bytes, MNI_SORT_U128, one ? MNI_EXT_QUARTER : MNI_EXT_HALF) &&
+        sort_vertices(x, sort) && mni_sort_finish(sort, x->st) == MN_OK && weld_sorted(x, sort);
     mni_ext_sort_close(x, &sort);
     x->counts.welded_vertices = x->vertices - x->nonfinite - x->places;
     return ok;
@@ -181,88 +187,130 @@ bool mni_ext_place_vertices(mni_extintake *x) {
 
 /* ---- corners -------------------------------------------------------------------------------- */
 
-static void read_corners(mni_extintake *x, mni_spill_reader *r) {
-    mni_spill_reader_open(r, &x->corners, 0, x->corners.size_bytes, x->buffer[0], x->buffer_bytes,
-                          true);
+/* The buckets' writers have pairs; ends them. */
+static bool end_pairs(mni_extintake *x) {
+    for (uint64_t k = 0; k < mni_ext_buckets(x); k++) {
+        mni_ext_bucket *b = &x->bucket[k];
+        if (b->spill.fd >= 0 && mni_spill_end(&b->to) != MN_OK)
+            return mni_ext_spill_good(x, &b->spill);
+        b->found = b->spill.size_bytes;
+    }
+    return true;
 }
 
-static bool triangles_by_map(mni_extintake *x) {
+/* The map of one bucket: each of its vertices has a pair. */
+static bool load_map(mni_extintake *x, mni_ext_bucket *b) {
     mni_spill_reader r;
-    if (!x->soup)
-        read_corners(x, &r);
-    for (uint64_t t = 0; t < x->triangles; t++) {
-        const uint32_t of_soup[3] = {(uint32_t)(3 * t), (uint32_t)(3 * t + 1),
-                                     (uint32_t)(3 * t + 2)};
-        const uint32_t *corner = x->soup ? of_soup : mni_spill_take(&r, 3 * sizeof *corner);
-        if (corner == NULL)
-            break;
-        const uint32_t place[3] = {x->map[corner[0]], x->map[corner[1]], x->map[corner[2]]};
-        mni_ext_judge(x, place, (uint32_t)t);
-    }
-    return mni_ext_spill_good(x, &x->corners);
-}
-
-/* Corners by the vertex that they name. */
-static bool sort_corners(mni_extintake *x) {
-    mni_spill_reader r;
-    const uint32_t *corner;
-    uint32_t number = 0;
-    if (!mni_ext_sort_open(x, &x->corner_sort, sizeof(pair), MNI_SORT_U32, MNI_EXT_QUARTER))
-        return false;
-    read_corners(x, &r);
-    while ((corner = mni_spill_take(&r, sizeof *corner)) != NULL) {
-        const pair p = {*corner, number++};
-        mni_sort_put(x->corner_sort, &p);
-    }
-    bool good = mni_ext_spill_good(x, &x->corners);
-    mni_ext_spill_close(x, &x->corners);
-    return good && mni_sort_finish(x->corner_sort, x->st) == MN_OK;
-}
-
-/* Corners and map side by side, both by vertex; what is found goes into `back`, by corner. */
-static bool join(mni_extintake *x, mni_sort *back) {
-    const pair *corner, *vertex = NULL;
-    while ((corner = mni_sort_next(x->corner_sort, x->st)) != NULL) {
-        while (vertex == NULL || vertex->from < corner->from)
-            if ((vertex = mni_sort_next(x->map_sort, x->st)) == NULL)
-                return false;
-        MN_ASSERT(vertex->from == corner->from); /* readers push no other */
-        const pair found = {corner->to, vertex->to};
-        mni_sort_put(back, &found);
-    }
-    return x->st->code == MN_OK && mni_sort_finish(back, x->st) == MN_OK;
-}
-
-static bool triangles_by_sorts(mni_extintake *x) {
-    if (mni_sort_finish(x->map_sort, x->st) != MN_OK)
-        return false;
-    if (!x->soup) {
-        mni_sort *back = NULL;
-        bool ok = sort_corners(x) &&
-                  mni_ext_sort_open(x, &back, sizeof(pair), MNI_SORT_U32, MNI_EXT_QUARTER) &&
-                  join(x, back);
-        mni_ext_sort_close(x, &x->corner_sort);
-        mni_ext_sort_close(x, &x->map_sort);
-        x->map_sort = back;
-        if (!ok)
-            return false;
-    }
-    if (!mni_ext_faces_open(x))
-        return false;
-    uint32_t place[3] = {0};
     const pair *p;
-    for (uint64_t i = 0; (p = mni_sort_next(x->map_sort, x->st)) != NULL; i++) {
-        place[i % 3] = p->to;
+    mni_spill_reader_open(&r, &b->spill, b->pairs, b->found, x->buffer[0], x->buffer_bytes, true);
+    while ((p = mni_spill_take(&r, sizeof *p)) != NULL)
+        x->map[p->vertex % x->window] = p->place;
+    return mni_ext_spill_good(x, &b->spill);
+}
+
+/* Corners, from vertices to places. */
+static bool look_up(mni_extintake *x, mni_ext_bucket *b) {
+    mni_spill_reader r;
+    mni_spill_writer w;
+    const uint32_t *corner;
+    mni_spill_reader_open(&r, &b->spill, 0, b->pairs, x->buffer[0], x->buffer_bytes, true);
+    mni_spill_writer_open(&w, &b->spill, x->buffer[1], x->buffer_bytes);
+    while ((corner = mni_spill_take(&r, sizeof *corner)) != NULL)
+        mni_spill_put(&w, &x->map[*corner % x->window], sizeof *x->map);
+    mni_spill_end(&w);
+    return mni_ext_spill_good(x, &b->spill);
+}
+
+/* All buckets side by side, each corner from the one that the sequence says. */
+static bool in_sequence(mni_extintake *x) {
+    mni_spill_reader r;
+    uint32_t place[3];
+    for (uint64_t k = 0; k < mni_ext_buckets(x); k++) {
+        mni_ext_bucket *b = &x->bucket[k];
+        if (b->spill.fd >= 0)
+            mni_spill_reader_open(&b->from, &b->spill, b->found, b->spill.size_bytes, b->buffer,
+                                  x->bucket_bytes, true);
+    }
+    if (x->sequence.fd >= 0)
+        mni_spill_reader_open(&r, &x->sequence, 0, x->sequence.size_bytes, x->buffer[0],
+                              x->buffer_bytes, true);
+    for (uint64_t i = 0; i < 3 * x->triangles; i++) {
+        static const uint8_t first = 0;
+        const uint8_t *k =
+            x->sequence.fd < 0 || i < x->sequence_begin ? &first : mni_spill_take(&r, 1);
+        if (k == NULL)
+            return mni_ext_spill_good(x, &x->sequence);
+        const uint32_t *found = mni_spill_take(&x->bucket[*k].from, sizeof *found);
+        if (found == NULL)
+            return mni_ext_spill_good(x, &x->bucket[*k].spill);
+        place[i % 3] = *found;
         if (i % 3 == 2)
             mni_ext_judge(x, place, (uint32_t)(i / 3));
     }
-    mni_ext_sort_close(x, &x->map_sort);
-    return x->st->code == MN_OK;
+    return true;
+}
+
+static bool triangles_by_buckets(mni_extintake *x) {
+    for (uint64_t k = 0; k < mni_ext_buckets(x); k++) {
+        mni_ext_bucket *b = &x->bucket[k];
+        if (b->spill.fd >= 0 && (!load_map(x, b) || !look_up(x, b)))
+            return false;
+    }
+    free(x->map);
+    x->map = NULL;
+    return mni_ext_faces_open(x) && in_sequence(x);
+}
+
+/* The map is of all vertices, and all corners are in the first bucket. */
+static bool triangles_by_map(mni_extintake *x) {
+    mni_ext_bucket *b = &x->bucket[0];
+    mni_spill_reader r;
+    const uint32_t *corner;
+    if (b->spill.fd < 0)
+        return true; /* no triangle */
+    mni_spill_reader_open(&r, &b->spill, 0, b->pairs, x->buffer[0], x->buffer_bytes, true);
+    for (uint32_t t = 0; (corner = mni_spill_take(&r, 3 * sizeof *corner)) != NULL; t++) {
+        const uint32_t place[3] = {x->map[corner[0]], x->map[corner[1]], x->map[corner[2]]};
+        mni_ext_judge(x, place, t);
+    }
+    return mni_ext_spill_good(x, &b->spill);
+}
+
+/* Gives the memory of the buckets' buffers back: map and sort need it. */
+static void release_buffers(const mni_extintake *x) {
+    enum { PAGE_BYTES = 4096 };
+    uintptr_t from = (uintptr_t)x->bucket[0].buffer;
+    uintptr_t to = from + MNI_EXT_BUCKETS * x->bucket_bytes;
+    from = (from + PAGE_BYTES - 1) / PAGE_BYTES * PAGE_BYTES;
+    to = to / PAGE_BYTES * PAGE_BYTES;
+    if (to > from)
+        (void)madvise((void *)from, to - from, MADV_DONTNEED);
+}
+
+/* A bucket's vertices are its triangles' corners. */
+static bool triangles_of_soup(mni_extintake *x) {
+    bool whole = mni_ext_buckets(x) == 1; /* the map is there already */
+    release_buffers(x);
+    for (uint64_t t = 0; t < x->triangles; t++) {
+        uint64_t at = 3 * t % x->window;
+        if (at == 0 && !whole && !load_map(x, &x->bucket[3 * t / x->window]))
+            return false;
+        mni_ext_judge(x, x->map + at, (uint32_t)t);
+    }
+    return true;
 }
 
 bool mni_ext_place_triangles(mni_extintake *x) {
-    bool ok = x->map != NULL ? mni_ext_faces_open(x) && triangles_by_map(x) : triangles_by_sorts(x);
-    mni_ext_spill_close(x, &x->corners);
+    bool one = mni_ext_buckets(x) == 1, ok = one || (end_pairs(x) && take_map(x));
+    if (x->soup)
+        ok = ok && mni_ext_faces_open(x) && triangles_of_soup(x);
+    else if (one)
+        ok = ok && mni_ext_faces_open(x) && triangles_by_map(x);
+    else
+        ok = ok && triangles_by_buckets(x);
+    for (int i = 0; i < MNI_EXT_BUCKETS; i++)
+        mni_ext_spill_close(x, &x->bucket[i].spill);
+    mni_ext_spill_close(x, &x->sequence);
     free(x->map);
     x->map = NULL;
     return ok;

@@ -214,7 +214,7 @@ END_TEST
 
 /* Triangles among few or many places, with everything wrong that there can be. */
 static void random_obj(uint64_t *state, bool doubles) {
-    uint64_t vertices = 3 + random_u64(state) % 20000, faces = 1 + random_u64(state) % 30000;
+    uint64_t vertices = 3 + random_u64(state) % 80000, faces = 1 + random_u64(state) % 30000;
     uint64_t grid = 2 + random_u64(state) % 40, near = 1 + random_u64(state) % vertices;
     FILE *f = fopen(path, "wb");
     for (uint64_t v = 0; v < vertices; v++) {
@@ -284,7 +284,9 @@ END_TEST
 
 /* Closed and manifold: no edge is anything else, and neighbours are near each other. */
 START_TEST(made_models) {
-    const mn_make_desc make = {.shape = (mn_shape)_i, .triangles = 60000};
+    const mn_make_desc make = {.shape = (mn_shape)_i,
+                               .triangles =
+                                   150000}; /* the smallest budget holds the map of a few parts */
     mn_status st = {0};
     mni_extmesh x;
     ck_assert_int_eq(mn_make(path, &make, &st), MN_OK);
