@@ -623,7 +623,7 @@ static mn_code plan_next(packer *p, exit_list *x, uint32_t block, uint32_t first
         *next = end;
     } else if (code == MN_OK) {
         while (*next > first + 1 && !tops_fit(p, x, first, *next))
-            --*next;
+            *next -= 1 + (*next - first) / 16;
         code = fit_run(p, x, block, first, next, &small);
     }
     return code == MN_OK ? plan_run(p, x, block, first, *next, small) : code;
