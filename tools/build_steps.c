@@ -9,7 +9,7 @@ static const char *const blocking_names[] = {"packed", "levels", NULL}; /* by mn
 static const char *const weld_names[] = {"on", "off", NULL};            /* by mn_weld */
 static const char *const reader_names[] = {"own", "openmesh", NULL};    /* by mn_reader */
 
-enum { RAM = 256, METRIC, WELD, READER, POSITION_BITS, BLOCKING, BLOCK_BYTES, JSON };
+enum { RAM = 256, METRIC, TEMP_DIR, WELD, READER, POSITION_BITS, BLOCKING, BLOCK_BYTES, JSON };
 
 static mn_code bad(const build_steps *b, const char *option, const char *wants) {
     return cli_error(MN_USAGE, "%s: %s '%s' is not %s", b->command, option, optarg, wants);
@@ -45,8 +45,14 @@ static mn_code simplify_option(build_steps *b, int option) {
             return bad(b, "--position-bits", "in 8 … 23");
         b->position_bits = (uint32_t)bits;
         return MN_OK;
-    default: /* -j: taken, and one thread does the work until simplification is parallel */
-        return cli_u64(optarg, 1, 1024, &threads) ? MN_OK : bad(b, "-j", "in 1 … 1024");
+    case TEMP_DIR:
+        b->simplify.temp_dir = optarg;
+        return *optarg != '\0' ? MN_OK : bad(b, "--temp-dir", "a directory");
+    default:
+        if (!cli_u64(optarg, 1, 1024, &threads))
+            return bad(b, "-j", "in 1 … 1024");
+        b->simplify.threads = (uint32_t)threads;
+        return MN_OK;
     }
 }
 
@@ -80,6 +86,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
         {"weld", required_argument, NULL, WELD},
         {"reader", required_argument, NULL, READER},
         {"position-bits", required_argument, NULL, POSITION_BITS},
+        {"temp-dir", required_argument, NULL, TEMP_DIR},
         {"jobs", required_argument, NULL, 'j'}};
     static const struct option blocks[] = {{"blocking", required_argument, NULL, BLOCKING},
                                            {"levels", required_argument, NULL, 'L'},
@@ -88,7 +95,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
                                          {"json", no_argument, NULL, JSON},
                                          {"help", no_argument, NULL, 'h'},
                                          {0}};
-    struct option options[13];
+    struct option options[14];
     size_t n = 0;
     memset(b, 0, sizeof *b);
     b->command = argv[0];
@@ -148,8 +155,24 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
 
 /* ---- the steps ------------------------------------------------------------------------------ */
 
+/* Temporary files lie beside the output, where there is to be room: /tmp may be memory. */
+static void choose_temp_dir(build_steps *b) {
+    const char *slash = strrchr(b->out, '/');
+    size_t length = slash == NULL ? 0 : slash == b->out ? 1 : (size_t)(slash - b->out);
+    if (b->simplify.temp_dir != NULL)
+        return;
+    b->simplify.temp_dir = ".";
+    if (length > 0 && length < sizeof b->temp_dir) {
+        memcpy(b->temp_dir, b->out, length);
+        b->simplify.temp_dir = b->temp_dir;
+    }
+}
+
 mn_code build_simplify(build_steps *b) {
     mn_mesh mesh;
+    choose_temp_dir(b);
+    if (b->simplify.threads == 0)
+        b->simplify.threads = 2;
     b->read.ram_bytes = b->simplify.ram_bytes = b->ram_bytes;
     b->read.then_need_bytes = mn_simplify_need_bytes;
     b->read.progress = b->simplify.progress = cli_progress;

@@ -13,6 +13,7 @@ typedef struct build_steps {
     mn_read_desc read;
     uint32_t position_bits; /* 0: default */
     mn_simplify_desc simplify;
+    char temp_dir[4096]; /* the output's */
     mn_block_desc block;
     bool json;
     /* what was done */

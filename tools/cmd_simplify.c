@@ -11,7 +11,9 @@ static const char help[] =
     "  --position-bits N     the longest side has at most 2^N steps: 8 … 23, default 16\n"
     "  --weld on|off         vertices at equal positions become one (default), or not\n"
     "  --reader own|openmesh\n"
-    "  -j N                  threads; simplification uses one so far\n"
+    "  -j N                  threads of a simplification in rounds, which is what is done when\n"
+    "                        --ram is too little for all at once (default 2)\n"
+    "  --temp-dir DIR        where it keeps its files (default: beside the output)\n"
     "  --json                figures as one JSON object\n";
 
 int cmd_simplify(int argc, char **argv) {

@@ -123,6 +123,12 @@ typedef struct mn_simplify_desc {
     uint64_t ram_bytes;      /* 0: no bound. Too small: MN_CAP_TOO_SMALL names what would do */
     uint32_t stop_triangles; /* stop when at most so many are left, for benches; then
                                 only out->counts is filled; 0: never */
+    /* What does not fit is simplified in rounds, cell by cell; a tree of the same quality, but not
+     * the same tree. It depends on the mesh, the metric and cell_vertices alone. */
+    uint32_t
+        cell_vertices;    /* in rounds, whatever fits, of such cells; 0: only if need be, of 8192 */
+    uint32_t threads;     /* of rounds; 0: 1 */
+    const char *temp_dir; /* of rounds; NULL: the working directory */
     mn_progress progress;
     void *progress_context;
 } mn_simplify_desc;

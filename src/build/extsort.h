@@ -16,7 +16,7 @@
 
 #include "metanode/status.h"
 
-enum { MNI_SORT_RECORD_MAX = 256 };
+enum { MNI_SORT_RECORD_MAX = 512 };
 #define MNI_SORT_BUDGET_MIN (UINT64_C(32) << 10)
 
 typedef enum mni_sort_key { /* of the host's byte order, at the record's start */

@@ -331,7 +331,9 @@ static bool keeps_side(const mni_judge *j, const mni_surface *s, uint32_t t, uin
     cross(s->vertex[r].p, at_a, at_b, before);
     cross(s->vertex[k].p, at_a, at_b, after);
     double area2 = dot(after, after), turn = dot(input, after);
-    if (turn * turn < 1e-12 * area2) {
+    if (turn * turn < 1e-12 * area2 && s->is_part && dot(input, input) > 0)
+        return false; /* the input's triangle is not here */
+    if (turn * turn < 1e-12 * area2 && !s->is_part) {
         input_cross(s, t, input);
         turn = dot(input, after);
     }

@@ -202,11 +202,11 @@ static mni_heap_key nearest(const root_boxes *g, uint32_t r) {
     return best;
 }
 
-static mn_code join(mni_simplifier *s, root_boxes *g) {
+static mn_code join(mni_simplifier *s, root_boxes *g, uint32_t least) {
     for (uint32_t v = 0; v < s->surface.vertices; v++)
         if (s->surface.vertex[v].node != MN_NONE)
             mni_heap_set(&s->heap, v, nearest(g, v));
-    for (uint32_t left = g->count; left > 1;) {
+    for (uint32_t left = g->count; left > least;) {
         uint32_t r = mni_heap_top(&s->heap);
         uint32_t k = mni_heap_key_kept(mni_heap_key_of(&s->heap, r));
         if (s->surface.vertex[k].node == MN_NONE) { /* its nearest has gone: find another */
@@ -224,9 +224,11 @@ static mn_code join(mni_simplifier *s, root_boxes *g) {
     return MN_OK;
 }
 
-mn_code mni_simplify_roots(mni_simplifier *s) {
+mn_code mni_simplify_roots(mni_simplifier *s, uint32_t least) {
     uint32_t roots = s->surface.vertices - s->made.count;
-    if (roots == 1)
+    s->stage = 4;
+    s->judge.ring_count = 0; /* virtual edges have no ring */
+    if (roots <= least)
         return MN_OK;
     root_boxes g = {.vertex = s->surface.vertex,
                     .root = malloc(roots * sizeof *g.root),
@@ -244,7 +246,7 @@ mn_code mni_simplify_roots(mni_simplifier *s) {
                 g.root[g.count++] = v;
         MN_ASSERT(g.count == roots);
         lay(&g);
-        code = join(s, &g);
+        code = join(s, &g, least);
     }
     free(g.root);
     free(g.bucket);

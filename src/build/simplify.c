@@ -20,6 +20,7 @@
 #include <time.h>
 
 #include "assert.h"
+#include "rounds.h"
 
 /* What k's own candidates cost rises with its quadric, but for rounding: so much below the old
  * bound is a bound still. */
@@ -270,6 +271,28 @@ static void look_ahead(const mni_simplifier *s) {
     mni_surface_fetch_vertex(surface, mni_heap_key_kept(heap->item[second].key));
 }
 
+static int by_key(const void *a, const void *b) {
+    mni_heap_key x = *(const mni_heap_key *)a, y = *(const mni_heap_key *)b;
+    return (x > y) - (x < y);
+}
+
+mn_code mni_simplify_limit(mni_simplifier *s, double share) {
+    uint32_t n = s->surface.vertices, count = 0;
+    mni_heap_key *key = malloc((size_t)n * sizeof *key);
+    if (key == NULL)
+        return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
+    for (uint32_t v = 0; v < n; v++)
+        if (s->part.closed[v] > 0) {
+            mni_heap_key best = best_candidate(s, v, 0);
+            key[count] = best;
+            count += best != MNI_HEAP_KEY_NONE;
+        }
+    qsort(key, count, sizeof *key, by_key);
+    s->part.limit = count > 0 ? key[(uint32_t)((count - 1) * share)] : MNI_HEAP_KEY_NONE;
+    free(key);
+    return MN_OK;
+}
+
 /* Whether r → k, the least that is left, is not to be made: then it may hold up others. */
 static bool put_off(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
     mni_heap_key *closed = s->part.closed;
@@ -317,6 +340,12 @@ mn_code mni_simplify_stage(mni_simplifier *s, int stage) {
 
 /* ---- the run ---- */
 
+/* An edge between two parts is counted by that of its lesser end. */
+static bool counts_edge(const mni_simplifier *s, uint32_t v, uint32_t w) {
+    const uint32_t *id = s->part.id;
+    return id == NULL || s->surface.vertex[id[v] < id[w] ? v : w].node != MN_NONE;
+}
+
 /* One look at every ring: the input's edges are counted, and boundaries get their walls. */
 void mni_simplify_look(mni_simplifier *s) {
     if (s->desc.metric == MN_METRIC_QEM)
@@ -329,7 +358,7 @@ void mni_simplify_look(mni_simplifier *s) {
             const mni_ring_vertex *n = &s->judge.ring[i];
             if (s->judge.around[i] < v)
                 continue;
-            if (s->surface.vertex[v].node != MN_NONE) {
+            if (counts_edge(s, v, s->judge.around[i])) {
                 s->counts.boundary_edges += n->triangles == 1;
                 s->counts.nonmanifold_edges +=
                     n->triangles > 2 || (n->triangles == 2 && n->balance != 0);
@@ -351,18 +380,25 @@ static uint64_t hinges_expected(uint64_t vertices, uint64_t triangles) {
 /* The peak is where the simplifier's arrays, the mesh and the tree made of them are all there;
  * blocking takes less. Resident bytes of whole builds were 0.67 to 0.98 of this (scans, terrain of
  * a million triangles, lone triangles and tetrahedra). */
-uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
-    enum { PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */
+static uint64_t whole_bytes(uint64_t vertices, uint64_t triangles) {
     uint64_t mesh = vertices * (12 + 4 /* colour */) + triangles * 12;
     uint64_t a_vertex = sizeof(mni_vertex) + 8 /* seen */ + sizeof(mni_heap_item) + 4 /* heap */ +
-                        16 /* collapses */ + 12 /* bounds */ + 4 /* own */ +
+                        16 /* collapses */ + 8 /* bounds */ + 4 /* own */ +
                         sizeof(mni_witnesses) / 2;
     uint64_t a_triangle = sizeof(mni_simplex) + 12 /* origin */ + 24 /* pool */ +
                           24 /* pool, packed */ + 12 /* normal */ + 12 /* own */;
     uint64_t a_hinge = (sizeof(mni_simplex) + 12) * 5 / 4 + 8 /* pool */ + 12 /* tree */ + 9;
     uint64_t tree = vertices * (12 + 4 + 4 * 5 + 8 + 6 + 4 + 4 + 12) + triangles * 12;
     return mesh + vertices * a_vertex + triangles * a_triangle +
-           hinges_expected(vertices, triangles) * a_hinge + tree + PROGRAM_BYTES;
+           hinges_expected(vertices, triangles) * a_hinge + tree + MNI_PROGRAM_BYTES;
+}
+
+uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
+    uint64_t whole = whole_bytes(vertices, triangles), rounds;
+    if (vertices <= MNI_CELL_VERTICES)
+        return whole;
+    rounds = mni_rounds_need_bytes(vertices, triangles);
+    return whole < rounds ? whole : rounds;
 }
 
 mn_code mni_simplify_room(mni_simplifier *s, uint32_t n) {
@@ -406,6 +442,7 @@ void mni_simplify_close(mni_simplifier *s) {
     free(s->leaf_bounds);
     free(s->part.closed);
     free(s->part.key);
+    free(s->part.id);
 }
 
 void mni_simplify_settle(mni_simplifier *s) {
@@ -421,12 +458,40 @@ static mn_code run(mni_simplifier *s) {
     if (code != MN_OK || s->stopped)
         return code;
     MN_ASSERT(s->surface.alive_triangles == 0 && s->surface.alive_hinges == 0);
-    s->stage = 4;
-    s->judge.ring_count = 0; /* virtual edges have no ring */
     s->counts.components = s->surface.vertices - s->made.count;
-    code = mni_simplify_roots(s);
+    code = mni_simplify_roots(s, 1);
     mni_simplify_settle(s);
     return code;
+}
+
+static mn_code simplify_whole(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out,
+                              mn_status *st) {
+    mni_simplifier s = {.mesh = mesh, .desc = *desc, .st = st};
+    mn_code code = run(&s);
+    s.counts.rounds = 1;
+    if (code == MN_OK && !s.stopped)
+        code = mni_tree_make(&s, out);
+    if (code == MN_OK) {
+        out->counts = s.counts;
+        out->intake = mesh->intake;
+        out->metric = desc->metric;
+        out->legal_last = s.legal_last;
+        memcpy(out->origin, mesh->origin, sizeof out->origin);
+    }
+    mni_simplify_close(&s);
+    return code;
+}
+
+static mn_code simplify_in_rounds(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out,
+                                  mn_status *st) {
+    mni_rounds_desc rounds = {.metric = desc->metric,
+                              .cell_vertices = desc->cell_vertices,
+                              .threads = desc->threads,
+                              .ram_bytes = desc->ram_bytes,
+                              .temp_dir = desc->temp_dir != NULL ? desc->temp_dir : ".",
+                              .progress = desc->progress,
+                              .progress_context = desc->progress_context};
+    return mni_rounds(mesh, &rounds, out, st);
 }
 
 mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out,
@@ -435,9 +500,8 @@ mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *
     uint64_t need = mn_simplify_need_bytes(mesh->vertices, mesh->triangles);
     if (desc->ram_bytes > 0 && need > desc->ram_bytes)
         return mn_fail(st, MN_CAP_TOO_SMALL,
-                       "simplifying %u vertices and %u triangles in memory needs --ram %lluM",
-                       mesh->vertices, mesh->triangles,
-                       (unsigned long long)((need + (1u << 20) - 1) >> 20));
+                       "simplifying %u vertices and %u triangles needs --ram %lluM", mesh->vertices,
+                       mesh->triangles, (unsigned long long)((need + (1u << 20) - 1) >> 20));
     if (mesh->vertices == 0 || mesh->triangles == 0)
         return mn_fail(st, MN_BAD_INPUT, "the mesh has no triangles");
     for (size_t i = 0; i < (size_t)mesh->vertices * 3; i++)
@@ -446,20 +510,10 @@ mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *
                            "vertex %zu lies %g from the origin; past %g scale the model down",
                            i / 3, (double)mesh->position[i], (double)COORDINATE_MAX);
     double started_s = now_s();
-    mni_simplifier s = {.mesh = mesh, .desc = *desc, .st = st};
-    mn_code code = run(&s);
-    s.counts.rounds = 1;
-    s.counts.seconds_simplify = now_s() - started_s;
-    if (code == MN_OK && !s.stopped)
-        code = mni_tree_make(&s, out);
-    if (code == MN_OK) {
-        s.counts.seconds_simplify = now_s() - started_s;
-        out->counts = s.counts;
-        out->intake = mesh->intake;
-        out->metric = desc->metric;
-        out->legal_last = s.legal_last;
-        memcpy(out->origin, mesh->origin, sizeof out->origin);
-    }
-    mni_simplify_close(&s);
+    bool whole =
+        desc->ram_bytes == 0 || whole_bytes(mesh->vertices, mesh->triangles) <= desc->ram_bytes;
+    mn_code code = desc->cell_vertices > 0 || !whole ? simplify_in_rounds(mesh, desc, out, st)
+                                                     : simplify_whole(mesh, desc, out, st);
+    out->counts.seconds_simplify = now_s() - started_s;
     return code;
 }

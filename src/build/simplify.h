@@ -72,7 +72,10 @@ typedef struct mni_part {
     mni_heap_key *closed;
     float *key; /* a vertex's node's: the largest cost of the collapses that it has waited for */
     mni_heap_key limit; /* no collapse beyond */
+    uint32_t *id;       /* the vertices' numbers; NULL: as they are here */
 } mni_part;
+
+enum { MNI_PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */
 
 typedef struct mni_simplifier {
     const mn_mesh *mesh;
@@ -100,8 +103,8 @@ void mni_quadric_wall(mni_surface *surface, uint32_t v, uint32_t w);
  * witnesses. MN_FAILED: memory. */
 mn_code mni_simplify_room(mni_simplifier *s, uint32_t vertices);
 void mni_simplify_close(mni_simplifier *s);
-/* Quadrics of leaves, with walls at boundaries, and the counts of edges: those whose lesser end has
- * a node. */
+/* Quadrics of leaves, with walls at boundaries, and the counts of edges: in a part, those whose
+ * lesser end has a node. */
 void mni_simplify_look(mni_simplifier *s);
 /* A stage, 1 … 3, until nothing more can be done. */
 mn_code mni_simplify_stage(mni_simplifier *s, int stage);
@@ -109,8 +112,11 @@ mn_code mni_simplify_stage(mni_simplifier *s, int stage);
 void mni_simplify_settle(mni_simplifier *s);
 /* Records the collapse of r into k in the tree: the surface has been changed. MN_FAILED: memory. */
 mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k, float cost);
-/* roots.c, stage 4: virtual edges between nearest roots, shortest first, until one is left. */
-mn_code mni_simplify_roots(mni_simplifier *s);
+/* Sets the limit of a part: what the first candidates of that share of its vertices cost, those not
+ * counted that are closed. */
+mn_code mni_simplify_limit(mni_simplifier *s, double share);
+/* roots.c, stage 4: virtual edges between nearest roots, shortest first, until so many are left. */
+mn_code mni_simplify_roots(mni_simplifier *s, uint32_t least);
 /* tree_make.c: the run's collapses as a tree, leaves renumbered. */
 mn_code mni_tree_make(mni_simplifier *s, mn_tree *out);
 

@@ -70,6 +70,7 @@ typedef struct mni_surface {
     uint32_t alive_triangles, alive_hinges;
     mni_simplex *simplex; /* triangles in the input's order, then hinges as they come */
     uint32_t *origin;     /* 3 × simplices: the input's vertices */
+    bool is_part;         /* these are not numbers of vertices here */
     uint32_t *pool;
     size_t pool_used, pool_room;
     uint32_t *dead; /* scratch of one collapse: the triangles that died */

@@ -1,4 +1,5 @@
-/* Goal: a tree from any mesh: strict order, legal fronts, every split's third corner beside it.
+/* Goal: a tree from any mesh: strict order, legal fronts, every split's third corner beside it; at
+ * once or in rounds, in as many threads as one likes.
  * Method: small meshes of every awkward kind, each front of the build order recounted by force. */
 #include <check.h>
 #include <math.h>
@@ -322,10 +323,11 @@ static void check_full(const mn_mesh *mesh, const mn_tree *t) {
     free(out);
 }
 
-static void check_model(model m, mn_metric metric) {
+/* cells: 0: all at once. */
+static void check_model(model m, mn_metric metric, uint32_t cells) {
     mn_status st = {0};
     mn_tree tree;
-    mn_simplify_desc desc = {.metric = metric};
+    mn_simplify_desc desc = {.metric = metric, .cell_vertices = cells};
     ck_assert_msg(mn_simplify(&m.mesh, &desc, &tree, &st) == MN_OK, "%s", st.text);
     ck_assert_msg(mn_tree_check(&tree, &st) == MN_OK, "%s", st.text);
     ck_assert_uint_eq(tree.inner, m.mesh.vertices - 1);
@@ -340,15 +342,95 @@ static model (*const makers[])(void) = {tetrahedron,  torus,     globe,      lon
                                         one_triangle, zero_area, many_parts, fins,
                                         bow_tie,      book};
 
+static const uint32_t cells[] = {0, 1, 20, 1000};
+enum { CELLS = sizeof cells / sizeof cells[0] };
+
 START_TEST(every_kind_of_mesh) {
-    check_model(makers[_i](), MN_METRIC_QEM);
-    check_model(makers[_i](), MN_METRIC_LENGTH);
+    for (int i = 0; i < CELLS; i++) {
+        check_model(makers[_i](), MN_METRIC_QEM, cells[i]);
+        check_model(makers[_i](), MN_METRIC_LENGTH, cells[i]);
+    }
 }
 END_TEST
 
 START_TEST(open_sheet) {
-    check_model(sheet(8), MN_METRIC_QEM);
-    check_model(sheet(8), MN_METRIC_LENGTH);
+    for (int i = 0; i < CELLS; i++) {
+        check_model(sheet(8), MN_METRIC_QEM, cells[i]);
+        check_model(sheet(8), MN_METRIC_LENGTH, cells[i]);
+    }
+}
+END_TEST
+
+static void check_same(const mn_tree *a, const mn_tree *b) {
+    ck_assert_uint_eq(a->inner, b->inner);
+    ck_assert_uint_eq(a->simplices, b->simplices);
+    ck_assert_uint_eq(a->legal_last, b->legal_last);
+    ck_assert_mem_eq(a->leaf_position, b->leaf_position, a->leaves * 3 * sizeof(float));
+    ck_assert_mem_eq(a->left, b->left, a->inner * sizeof *a->left);
+    ck_assert_mem_eq(a->right, b->right, a->inner * sizeof *a->right);
+    ck_assert_mem_eq(a->switch_value, b->switch_value, a->inner * sizeof *a->switch_value);
+    ck_assert_mem_eq(a->radius, b->radius, a->inner * sizeof *a->radius);
+    ck_assert_mem_eq(a->cone, b->cone, a->inner * sizeof *a->cone);
+    ck_assert_mem_eq(a->corner, b->corner, a->simplices * 3 * sizeof *a->corner);
+}
+
+/* The tree is the mesh's and the cells', not the threads' or the memory's. */
+START_TEST(rounds_are_the_same_in_any_number_of_threads) {
+    model m = _i == 0 ? sheet(60) : fins();
+    mn_tree first, other;
+    mn_status st = {0};
+    mn_simplify_desc desc = {.cell_vertices = _i == 0 ? 200 : 9, .threads = 1};
+    ck_assert_msg(mn_simplify(&m.mesh, &desc, &first, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_gt(first.counts.rounds, 3);
+    for (desc.threads = 2; desc.threads <= 5; desc.threads++) {
+        desc.ram_bytes = (uint64_t)desc.threads << 22;
+        ck_assert_msg(mn_simplify(&m.mesh, &desc, &other, &st) == MN_OK, "%s", st.text);
+        check_same(&first, &other);
+        mn_tree_free(&other);
+    }
+    mn_tree_free(&first);
+    free_model(&m);
+}
+END_TEST
+
+/* What the whole says of the input, cells say together. */
+START_TEST(rounds_count_edges_once) {
+    model m = makers[_i]();
+    mn_tree whole, cut;
+    mn_status st = {0};
+    mn_simplify_desc desc = {0};
+    ck_assert_msg(mn_simplify(&m.mesh, &desc, &whole, &st) == MN_OK, "%s", st.text);
+    desc.cell_vertices = 5;
+    ck_assert_msg(mn_simplify(&m.mesh, &desc, &cut, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(whole.counts.boundary_edges, cut.counts.boundary_edges);
+    ck_assert_uint_eq(whole.counts.nonmanifold_edges, cut.counts.nonmanifold_edges);
+    ck_assert_uint_eq(whole.counts.components, cut.counts.components);
+    mn_tree_free(&whole);
+    mn_tree_free(&cut);
+    free_model(&m);
+}
+END_TEST
+
+static bool stop_at_third(void *context, const char *phase, uint64_t done, uint64_t total) {
+    int *calls = context;
+    (void)phase, (void)done, (void)total;
+    return ++*calls < 3;
+}
+
+START_TEST(rounds_end_when_they_must) {
+    model m = sheet(40);
+    mn_tree tree;
+    mn_status st = {0};
+    int calls = 0;
+    mn_simplify_desc desc = {
+        .cell_vertices = 100, .threads = 3, .progress = stop_at_third, .progress_context = &calls};
+    ck_assert_int_eq(mn_simplify(&m.mesh, &desc, &tree, &st), MN_FAILED);
+    ck_assert_str_eq(st.text, "interrupted");
+    st = (mn_status){0};
+    desc = (mn_simplify_desc){.cell_vertices = 100, .temp_dir = "/nowhere/at/all"};
+    ck_assert_int_eq(mn_simplify(&m.mesh, &desc, &tree, &st), MN_FAILED);
+    ck_assert_ptr_nonnull(strstr(st.text, "/nowhere/at/all"));
+    free_model(&m);
 }
 END_TEST
 
@@ -514,6 +596,9 @@ int main(void) {
     tcase_add_loop_test(tc, every_kind_of_mesh, 0, (int)(sizeof makers / sizeof makers[0]));
     tcase_add_loop_test(tc, packing_at_any_moment, 0, (int)(sizeof makers / sizeof makers[0]));
     tcase_add_test(tc, open_sheet);
+    tcase_add_loop_test(tc, rounds_are_the_same_in_any_number_of_threads, 0, 2);
+    tcase_add_loop_test(tc, rounds_count_edges_once, 0, (int)(sizeof makers / sizeof makers[0]));
+    tcase_add_test(tc, rounds_end_when_they_must);
     tcase_add_test(tc, twice_the_same_tree);
     tcase_add_test(tc, components_are_counted);
     tcase_add_test(tc, lone_triangles_get_hinges);

@@ -1,0 +1,44 @@
+/* See curve.h. */
+#include "curve.h"
+
+enum { BITS = 21, SIDE = 1 << BITS };
+
+mni_curve mni_curve_make(const float low[3], const float high[3], uint32_t round) {
+    /* Multiples of irrational numbers that have nothing to do with each other: shifts of any
+     * number of rounds are spread evenly. In 2^32nds. */
+    static const uint32_t step[3] = {0xc13fa9a9u, 0x91e10da5u, 0x9e3779b9u};
+    mni_curve c = {.turn = round % 3};
+    double size = 0;
+    for (int i = 0; i < 3; i++) {
+        double side = (double)high[i] - low[i];
+        size = side > size ? side : size;
+        c.low[i] = low[i];
+        c.shift[i] = (round * step[i]) >> (33 - BITS);
+    }
+    c.scale = size > 0 ? (SIDE / 2 - 1) / size : 0;
+    return c;
+}
+
+uint64_t mni_curve_key(const mni_curve *c, const float p[3]) {
+    uint32_t x[3];
+    for (uint32_t i = 0; i < 3; i++) {
+        uint32_t side = (i + c->turn) % 3;
+        x[i] = (uint32_t)(((double)p[side] - c->low[side]) * c->scale) + c->shift[side];
+    }
+    for (uint32_t bit = SIDE / 2; bit > 1; bit /= 2)
+        for (int i = 0; i < 3; i++) {
+            uint32_t swap = x[i] & bit ? 0 : (x[0] ^ x[i]) & (bit - 1);
+            x[0] ^= x[i] & bit ? bit - 1 : swap;
+            x[i] ^= swap;
+        }
+    x[1] ^= x[0];
+    x[2] ^= x[1];
+    uint32_t flip = 0;
+    for (uint32_t bit = SIDE / 2; bit > 1; bit /= 2)
+        flip ^= x[2] & bit ? bit - 1 : 0;
+    uint64_t key = 0;
+    for (int b = BITS - 1; b >= 0; b--)
+        for (int i = 0; i < 3; i++)
+            key = key << 1 | (((x[i] ^ flip) >> b) & 1);
+    return key;
+}

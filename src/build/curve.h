@@ -1,0 +1,23 @@
+/* Hilbert's curve through the box of a model: vertices near each other on it are near in space.
+ *
+ * Each round cuts it into cells; so that the same places are not at the border again, each round
+ * has a curve of its own, the box shifted and turned. No memory, any thread. Keys are the same on
+ * every machine. Skilling, Programming the Hilbert curve (2004). */
+#ifndef MNI_CURVE_H
+#define MNI_CURVE_H
+
+#include <stdint.h>
+
+typedef struct mni_curve {
+    float low[3]; /* of the box */
+    double scale; /* to half the curve's cube */
+    uint32_t shift[3];
+    uint32_t turn; /* which side goes first */
+} mni_curve;
+
+/* Of the round'th round; any number. high ≥ low, all finite. */
+mni_curve mni_curve_make(const float low[3], const float high[3], uint32_t round);
+/* Where on the curve; p inside the box. Below 2^63. */
+uint64_t mni_curve_key(const mni_curve *curve, const float p[3]);
+
+#endif

@@ -1,0 +1,259 @@
+/* See history.h. Hidden here: how collapses get the order in which they count.
+ *
+ * A collapse was made in some round, in some cell; where it belongs is said by its stage and its
+ * key, the largest cost that it has waited for. Nothing comes before what it has waited for: that
+ * has no larger key, and was made earlier. Leaves are numbered downwards: a collapse's children
+ * were made before it, so one pass from the last to the first does. */
+#include "history.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "assert.h"
+#include "block.h"
+#include "tree.h"
+
+enum { CHUNK = 4096 }; /* collapses, or simplices, read at once */
+
+mn_code mni_history_open(mni_history *h, const char *temp_dir, mn_status *st) {
+    *h = (mni_history){.collapse = {.fd = -1}, .killed = {.fd = -1}};
+    mn_code code = mni_spill_open(&h->collapse, temp_dir, st);
+    return code == MN_OK ? mni_spill_open(&h->killed, temp_dir, st) : code;
+}
+
+void mni_history_close(mni_history *h) {
+    mni_spill_close(&h->collapse);
+    mni_spill_close(&h->killed);
+}
+
+mn_code mni_history_add(mni_history *h, const mni_cell *cell, mn_status *st) {
+    const mn_build_counts *c = &cell->counts;
+    if (mni_spill_append(&h->collapse, cell->collapse, cell->collapses * sizeof *cell->collapse) !=
+            MN_OK ||
+        mni_spill_append(&h->killed, cell->killed, cell->killed_count * sizeof *cell->killed) !=
+            MN_OK) {
+        *st = h->collapse.trouble.code != MN_OK ? h->collapse.trouble : h->killed.trouble;
+        return st->code;
+    }
+    h->collapses += cell->collapses;
+    h->killed_count += cell->killed_count;
+    h->hinges += cell->hinges;
+    h->counts.boundary_edges += c->boundary_edges;
+    h->counts.nonmanifold_edges += c->nonmanifold_edges;
+    h->counts.order_violations += c->order_violations;
+    h->counts.components += c->components;
+    for (int i = 0; i < 4; i++)
+        h->counts.collapses_by_stage[i] += c->collapses_by_stage[i];
+    return MN_OK;
+}
+
+/* ---- the tree ---- */
+
+typedef struct standing {
+    uint32_t key, number; /* floats that are not negative sort as their bits do */
+} standing;
+
+static int by_standing(const void *a, const void *b) {
+    const standing *x = a, *y = b;
+    if (x->key != y->key)
+        return x->key < y->key ? -1 : 1;
+    return x->number < y->number ? -1 : 1;
+}
+
+typedef struct grower {
+    mni_history *history;
+    const uint32_t *vertex_of;
+    mn_tree *tree;
+    mn_status *st;
+    standing *standing; /* collapses */
+    uint32_t *rank;     /* a collapse: its place in the tree */
+    uint32_t *low;      /* a collapse: its leaf_lo; then where its simplices go next */
+    uint32_t *leaf_of;  /* an id */
+    mni_cell_collapse *chunk;
+    uint32_t (*corners)[3];
+} grower;
+
+static mn_code read_at(grower *g, mni_spill *spill, uint64_t row, uint32_t count, void *rows,
+                       size_t row_bytes) {
+    mni_spill_reader reader;
+    mni_spill_reader_open(&reader, spill, row * row_bytes, (row + count) * row_bytes, rows,
+                          count * row_bytes, false);
+    if (mni_spill_take(&reader, count * row_bytes) != NULL)
+        return MN_OK;
+    *g->st = spill->trouble;
+    return g->st->code;
+}
+
+/* Calls `what` with all collapses, CHUNK at a time; backwards from the last chunk to the first. */
+static mn_code each_chunk(grower *g, bool backwards,
+                          void (*what)(grower *g, uint32_t first, uint32_t count)) {
+    uint32_t total = g->history->collapses, chunks = (total + CHUNK - 1) / CHUNK;
+    for (uint32_t i = 0; i < chunks; i++) {
+        uint32_t first = (backwards ? chunks - 1 - i : i) * CHUNK;
+        uint32_t count = total - first < CHUNK ? total - first : CHUNK;
+        mn_code code = read_at(g, &g->history->collapse, first, count, g->chunk, sizeof *g->chunk);
+        if (code != MN_OK)
+            return code;
+        what(g, first, count);
+    }
+    return MN_OK;
+}
+
+static void take_keys(grower *g, uint32_t first, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        memcpy(&g->standing[first + i].key, &g->chunk[i].key, sizeof g->chunk[i].key);
+        g->standing[first + i].number = first + i;
+    }
+}
+
+/* Stages follow each other in the order of making. */
+static void rank_collapses(grower *g) {
+    uint32_t start = 0;
+    for (int stage = 0; stage < 4; stage++) {
+        uint32_t count = (uint32_t)g->history->counts.collapses_by_stage[stage];
+        qsort(g->standing + start, count, sizeof *g->standing, by_standing);
+        start += count;
+    }
+    MN_ASSERT(start == g->history->collapses);
+    for (uint32_t i = 0; i < start; i++)
+        g->rank[g->standing[i].number] = i;
+}
+
+static void lower(grower *g, uint32_t node, uint32_t low) {
+    if (node >= MNI_COLLAPSE)
+        g->low[node - MNI_COLLAPSE] = low;
+    else
+        g->leaf_of[node] = low;
+}
+
+static void number_leaves(grower *g, uint32_t first, uint32_t count) {
+    for (uint32_t i = count; i-- > 0;) {
+        const mni_cell_collapse *c = &g->chunk[i];
+        lower(g, c->left, g->low[first + i]);
+        lower(g, c->right, g->low[first + i] + c->left_leaves);
+    }
+}
+
+/* A child's order id; its value is the parent's to say. */
+static uint32_t child(grower *g, uint32_t node, float value) {
+    if (node < MNI_COLLAPSE)
+        return g->leaf_of[node];
+    uint32_t at = g->rank[node - MNI_COLLAPSE];
+    g->tree->switch_value[at] = mni_switch_up(value);
+    return g->tree->leaves + at;
+}
+
+static void fill_nodes(grower *g, uint32_t first, uint32_t count) {
+    mn_tree *t = g->tree;
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_cell_collapse *c = &g->chunk[i];
+        uint32_t at = g->rank[first + i];
+        t->left[at] = child(g, c->left, c->left_value);
+        t->right[at] = child(g, c->right, c->right_value);
+        t->radius[at] = c->bounds.radius;
+        t->cone[at] = c->bounds.cone;
+        t->simplex_start[at] = c->simplices;
+        g->low[first + i] = c->simplices;
+    }
+}
+
+/* Simplices come as their collapses do. */
+static mn_code fill_simplices(grower *g) {
+    mn_tree *t = g->tree;
+    uint32_t sum = 0, collapse = 0, of_it = 0;
+    for (uint32_t i = 0; i <= t->inner; i++) {
+        uint32_t count = i < t->inner ? t->simplex_start[i] : 0;
+        t->simplex_start[i] = sum;
+        sum += count;
+    }
+    for (uint32_t first = 0; first < t->simplices; first += CHUNK) {
+        uint32_t count = t->simplices - first < CHUNK ? t->simplices - first : CHUNK;
+        mn_code code =
+            read_at(g, &g->history->killed, first, count, g->corners, sizeof *g->corners);
+        if (code != MN_OK)
+            return code;
+        for (uint32_t i = 0; i < count; i++) {
+            while (of_it == g->low[collapse]) {
+                collapse++;
+                of_it = 0;
+            }
+            uint32_t *to = &t->corner[3 * ((size_t)t->simplex_start[g->rank[collapse]] + of_it++)];
+            for (int c = 0; c < 3; c++)
+                to[c] = g->corners[i][c] == MN_NONE ? MN_NONE : g->leaf_of[g->corners[i][c]];
+        }
+    }
+    return MN_OK;
+}
+
+static void place_leaves(grower *g, const mn_mesh *mesh) {
+    mn_tree *t = g->tree;
+    for (uint32_t id = 0; id < t->leaves; id++) {
+        size_t leaf = g->leaf_of[id], v = g->vertex_of[id];
+        for (size_t i = 0; i < 3; i++) /* -0 becomes 0: blocks hold differences */
+            t->leaf_position[3 * leaf + i] = mesh->position[3 * v + i] + 0.0f;
+        if (t->leaf_color != NULL)
+            t->leaf_color[leaf] = mesh->color[v];
+    }
+}
+
+static mn_code grow(grower *g, const mn_mesh *mesh) {
+    mn_tree *t = g->tree;
+    mn_code code = each_chunk(g, false, take_keys);
+    if (code != MN_OK)
+        return code;
+    rank_collapses(g);
+    free(g->standing);
+    g->standing = NULL;
+    lower(g, MNI_COLLAPSE + t->inner - 1, 0);
+    code = each_chunk(g, true, number_leaves);
+    if (code == MN_OK)
+        code = each_chunk(g, false, fill_nodes);
+    if (code == MN_OK)
+        code = fill_simplices(g);
+    if (code != MN_OK)
+        return code;
+    t->switch_value[g->rank[t->inner - 1]] = mni_switch_up(g->history->root_value);
+    place_leaves(g, mesh);
+    return mni_tree_derive(t, g->st);
+}
+
+mn_code mni_history_tree(mni_history *h, const mn_mesh *mesh, const uint32_t *vertex_of, mn_tree *t,
+                         mn_status *st) {
+    uint32_t n = mesh->vertices;
+    MN_ASSERT(h->collapses == n - 1 && n > 1);
+    mn_code code = mni_tree_alloc(t, n, 1, h->killed_count, mesh->color != NULL, st);
+    if (code != MN_OK)
+        return code;
+    grower g = {.history = h,
+                .vertex_of = vertex_of,
+                .tree = t,
+                .st = st,
+                .standing = malloc((size_t)n * sizeof *g.standing),
+                .rank = malloc((size_t)n * sizeof *g.rank),
+                .low = malloc((size_t)n * sizeof *g.low),
+                .leaf_of = malloc((size_t)n * sizeof *g.leaf_of),
+                .chunk = malloc(CHUNK * sizeof *g.chunk),
+                .corners = malloc(CHUNK * sizeof *g.corners)};
+    if (g.standing == NULL || g.rank == NULL || g.low == NULL || g.leaf_of == NULL ||
+        g.chunk == NULL || g.corners == NULL)
+        code = mn_fail(st, MN_FAILED, "out of memory for a tree of %u leaves", n);
+    if (code == MN_OK)
+        code = grow(&g, mesh);
+    free(g.rank);
+    free(g.low);
+    free(g.leaf_of);
+    free(g.chunk);
+    free(g.corners);
+    free(g.standing);
+    if (code != MN_OK) {
+        mn_tree_free(t);
+        return code;
+    }
+    t->triangles = mesh->triangles;
+    t->legal_last = n - 1 + (uint32_t)h->counts.collapses_by_stage[0];
+    t->grid_step = mesh->grid_step;
+    t->intake = mesh->intake;
+    t->counts = h->counts;
+    memcpy(t->origin, mesh->origin, sizeof t->origin);
+    return MN_OK;
+}
