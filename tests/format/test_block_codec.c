@@ -228,6 +228,65 @@ START_TEST(a_cut_block_is_refused) {
 }
 END_TEST
 
+/* A node with many simplices, whose third corners are near but for a few, on both sides, or none.
+ */
+START_TEST(third_corners_near_and_far) {
+    enum { COUNT = 400, LENGTH = 8192, LO = 1000 };
+    static unsigned char bytes[LENGTH];
+    static uint32_t corner[COUNT][3];
+    const mni_node node = {.at = {LO, LO + 2, {0, 0, 0}},
+                           .facts = chain_facts(0, 1),
+                           .leaf_mid = LO + 1,
+                           .simplex_count = COUNT,
+                           .overflow_ref = MN_NONE};
+    const mni_subtree top = {.node = 0, .leaf_lo = LO, .leaf_hi = LO + 2};
+    uint32_t far = (uint32_t)_i; /* of a hundred */
+    mni_tally tally;
+    mni_encoder encoder;
+    mni_tally_init(&tally, false, limits.grid_step);
+    mni_tally_subtree(&tally, &top);
+    mni_tally_node(&tally, &node);
+    for (uint32_t i = 0; i < COUNT; i++) {
+        uint32_t away = 1 + draw() % (draw() % 100 < far ? 990 : 8);
+        corner[i][0] = LO + i % 2;
+        corner[i][1] = LO + 1 - i % 2;
+        corner[i][2] = draw() % 9 == 0 ? MN_NONE : draw() % 2 ? LO - away : LO + 1 + away;
+        mni_tally_simplex(&tally, corner[i]);
+    }
+    uint64_t end = mni_tally_bytes(&tally, 0);
+    mni_encoder_begin(&encoder, bytes, LENGTH, &tally, 0);
+    mni_encoder_subtree(&encoder, &top);
+    mni_encoder_node(&encoder, &node);
+    for (uint32_t i = 0; i < COUNT; i++)
+        mni_encoder_simplex(&encoder, corner[i]);
+    mni_encoder_end(&encoder);
+    mni_frame frame = {.kind = MNI_FRAME_METANODE, .payload_bytes = (uint32_t)end};
+    mni_frame_seal(bytes, &frame, (mn_block_ref){1, LENGTH / MN_PAGE_BYTES}, 77);
+    mni_block view;
+    mni_node got;
+    char why[100] = "";
+    ck_assert_msg(mni_block_open(&view, bytes, LENGTH, &limits, why, sizeof why), "%s", why);
+    if (far < 20 || far > 50) /* few of many are worth rows */
+        ck_assert_int_eq(view.far > 0, far > 0 && far < 20);
+    mni_block_node(&view, 0, &node.at, &got);
+    ck_assert_uint_eq(got.simplex_count, COUNT);
+    for (uint32_t i = 0; i < COUNT; i++) {
+        uint32_t back[3];
+        mni_block_simplex(&view, &got, i, back);
+        ck_assert_mem_eq(back, corner[i], sizeof back);
+    }
+    if (view.far == 0)
+        return;
+    uint32_t wrong = view.far - 1; /* the head's count: one row too few, and the payload with it */
+    memcpy(bytes + mni_frame_payload_at(0) + MNI_HEAD_FAR, &wrong, sizeof wrong);
+    frame.payload_bytes -=
+        (uint32_t)(mni_row_bytes(view.far, view.far_bits) - mni_row_bytes(wrong, view.far_bits));
+    mni_frame_seal(bytes, &frame, (mn_block_ref){1, LENGTH / MN_PAGE_BYTES}, 77);
+    ck_assert(!mni_block_open(&view, bytes, LENGTH, &limits, why, sizeof why));
+    ck_assert_msg(strstr(why, "far row") != NULL, "%s", why);
+}
+END_TEST
+
 START_TEST(overflow_blocks_hold_what_fits) {
     enum { COUNT = 5000, LENGTH = 8192 };
     static uint32_t corner[3 * COUNT];
@@ -272,6 +331,7 @@ int main(void) {
     tcase_add_test(t, a_chain_may_be_so_deep_and_no_deeper);
     tcase_add_test(t, bounds_of_the_file_are_respected);
     tcase_add_test(t, a_cut_block_is_refused);
+    tcase_add_loop_test(t, third_corners_near_and_far, 0, 90);
     tcase_add_test(t, overflow_blocks_hold_what_fits);
     suite_add_tcase(s, t);
     return suite_run(s);

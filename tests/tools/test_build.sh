@@ -56,6 +56,27 @@ done
 expect 0 verify a.vdt --against in.ply --json
 expect 0 verify a.vdt
 grep -q '^a.vdt: sound: [0-9]* nodes' out.txt || fail "verify of a .vdt: $(cat out.txt)"
+# --- the grid: coarser is smaller, what falls together is counted, on both sides alike
+before=0
+for bits in 8 12 16 23; do
+    expect 0 build in.ply -o grid.mnt --position-bits $bits --block-bytes 4K --json
+    merged=$(sed -n 's/^  "merged_positions": \([0-9]*\).*/\1/p' out.txt)
+    expect 0 verify grid.mnt --against in.ply --json
+    grep -q "\"merged_positions\": $merged" out.txt || fail "not $merged merged: $(cat out.txt)"
+    bytes=$(wc -c <grid.mnt)
+    [ "$bytes" -ge "$before" ] || fail "$bits bits take less than fewer"
+    before=$bytes
+done
+cmp -s a.mnt grid.mnt && fail "23 bits a position are as 16"
+for bits in 7 24 x; do
+    expect 2 build in.ply -o grid.mnt --position-bits $bits
+    says "8 … 23"
+done
+expect 0 make sphere --triangles 100000 -o many.ply
+expect 0 build many.ply -o grid.mnt --position-bits 8 --json
+grep -q '"merged_positions": 0' out.txt && fail "nothing falls together on 256 steps"
+expect 0 verify grid.mnt --against many.ply
+rm many.ply grid.mnt
 expect 0 build in.ply -o d.mnt --weld off --metric length -j 2 --ram 64M
 expect 0 verify d.mnt --against in.ply
 expect 0 info a.mnt --json
