@@ -120,6 +120,8 @@ typedef struct mn_tree {
 
 typedef struct mn_simplify_desc {
     mn_metric metric;        /* default qem */
+    bool quadrics_alone;     /* qem: the error on the surface is not measured in advance; for
+                                comparisons */
     uint64_t ram_bytes;      /* 0: no bound. Too small: MN_CAP_TOO_SMALL names what would do */
     uint32_t stop_triangles; /* stop when at most so many are left, for benches; then
                                 only out->counts is filled; 0: never */

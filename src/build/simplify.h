@@ -41,6 +41,11 @@ static inline void mni_quadric_add(mni_vertex *to, const mni_vertex *from) {
  * in the distance to the original. */
 #define MNI_LENGTH_SHARE 1e-9
 
+/* By which squared distances are weighted in the quadrics of both. */
+static inline double mni_collapse_weight(const mni_vertex *r, const mni_vertex *k) {
+    return (r->xx + r->yy + r->zz) + (k->xx + k->yy + k->zz);
+}
+
 /* Of r → k. length: the edge's squared length. qem: both quadrics at k, and a share of the squared
  * length, weighted as the quadrics are: in flat parts, where every collapse is free, it keeps short
  * edges first and trees shallow. When k's quadric grows the cost does not fall, not even by
@@ -51,8 +56,8 @@ static inline float mni_collapse_cost(const mni_vertex *r, const mni_vertex *k, 
     double length2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     if (metric != MN_METRIC_QEM)
         return (float)length2;
-    double weight = (r->xx + r->yy + r->zz) + (k->xx + k->yy + k->zz);
-    return (float)(mni_quadric_at(r, d) + k->c + MNI_LENGTH_SHARE * weight * length2);
+    double share = MNI_LENGTH_SHARE * mni_collapse_weight(r, k);
+    return (float)(mni_quadric_at(r, d) + k->c + share * length2);
 }
 
 /* Collapses as they were made: r, which went into k, is the right child. Nodes are numbered as they

@@ -177,6 +177,29 @@ bool mni_star_take(mni_star *star, mni_surface *s, uint32_t k) {
     return true;
 }
 
+bool mni_star_take_of_both(mni_star *star, mni_surface *s, uint32_t r, uint32_t k) {
+    const uint32_t ends[2] = {k, r};
+    const uint32_t *fan[2];
+    uint32_t count[2], unpaired = 0;
+    for (int e = 0; e < 2; e++)
+        fan[e] = mni_surface_fan(s, ends[e], &count[e]);
+    if (!make_room(star, 2 * (count[0] + count[1])))
+        return false;
+    for (int pass = 0; pass == 0 || (pass == 1 && unpaired != 0); pass++)
+        for (int e = 0; e < 2; e++)
+            for (uint32_t i = 0; i < count[e]; i++) {
+                const mni_simplex *x = &s->simplex[fan[e][i]];
+                mni_corner c = mni_simplex_corner(x, ends[e]);
+                if (x->v[2] == MN_NONE || c.next == ends[1 - e] || c.previous == ends[1 - e])
+                    continue;
+                if (pass == 0)
+                    unpaired += add(star, s->vertex, k, c.next, c.previous);
+                else
+                    add(star, s->vertex, k, c.previous, c.previous);
+            }
+    return true;
+}
+
 void mni_star_measure(const mni_star *star, mni_points *points) {
     uint32_t n = points->count;
     if (star->count > 0) {

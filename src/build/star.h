@@ -34,6 +34,8 @@ void mni_star_close(mni_star *star);
 void mni_star_narrow(mni_star *star);
 /* k's triangles, and their edges. False: no memory. */
 bool mni_star_take(mni_star *star, mni_surface *surface, uint32_t k);
+/* The same as k's will be when r has collapsed into it; both have triangles at other vertices. */
+bool mni_star_take_of_both(mni_star *star, mni_surface *surface, uint32_t r, uint32_t k);
 /* Fills distance[0 … count): to the nearest place of the star, or to k where it has no triangle. */
 void mni_star_measure(const mni_star *star, mni_points *points);
 

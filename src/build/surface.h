@@ -61,6 +61,7 @@ typedef struct mni_vertex {
     mni_fan fan;          /* its simplices */
     bool stale;           /* its key in the heap is only a lower bound */
     bool tried;           /* it is not in the heap, or its key there is above the floor */
+    bool measured;        /* its key in the heap is its least, with what was measured */
 } mni_vertex;
 
 typedef struct mni_surface {

@@ -21,16 +21,18 @@ typedef struct mni_bench {
     mni_star star;
     mni_points witness; /* and behind them middles */
     mni_points more;    /* middles for which there was no room */
+    uint32_t witnesses; /* points of `witness` that are no middles */
+    uint32_t next;      /* of the ring, the first without a middle there */
     float slack[MNI_POINTS];
     uint64_t mate[MNI_POINTS];      /* the nearest witness before it, as pair_key says */
     float apart2[MNI_POINTS];       /* from one witness to each */
     uint32_t neighbour[MNI_POINTS]; /* of a middle: the ring vertex that it leads to */
 } mni_bench;
 
-/* Chosen by trial on armadillo and nefertiti. `metanode bench error` then says, at 50, 10 and 1 %
- * of these and of igea, which was not used to choose: at least 99.93 % of samples within the bound,
- * and a median of bound / largest distance in a node of 1.2 to 2.1. */
-#define SAMPLE_FACTOR 1.4f
+/* Chosen by trial on armadillo and nefertiti, and the first raised since collapses are chosen by
+ * what is measured here: who is chosen for a small sample has more behind it. docs/design.md has
+ * what `metanode bench error` says. */
+#define SAMPLE_FACTOR 1.6f
 #define NEIGHBOUR_FACTOR 2.0f
 
 mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t sets, uint32_t points,
@@ -260,26 +262,61 @@ static float raise_neighbours(const mni_bench *b, const mni_points *points, uint
     return largest;
 }
 
+/* Witnesses of both and middles of the edges of r's ring, measured in one go: rows of lanes come
+ * out fuller. The star has been taken. Returns where the ring is to go on. */
+static uint32_t measure_points(mni_witness_book *book, const mni_vertex *vertex,
+                               const uint32_t *ring, uint32_t ring_count, uint32_t r, uint32_t k) {
+    mni_bench *b = book->bench;
+    b->witness.count = 0;
+    gather(book, vertex, k, vertex[k].p);
+    gather(book, vertex, r, vertex[k].p);
+    b->witnesses = b->witness.count;
+    uint32_t next = add_middles(b, &b->witness, vertex, ring, 0, ring_count, r, k);
+    mni_star_measure(&b->star, &b->witness);
+    return next;
+}
+
+static float largest_of_witnesses(const mni_bench *b) {
+    float largest = 0;
+    for (uint32_t i = 0; i < b->witnesses; i++)
+        largest = max_of(largest, b->witness.distance[i] + b->slack[i]);
+    return largest;
+}
+
+float mni_witness_try(mni_witness_book *book, mni_surface *s, const uint32_t *ring,
+                      uint32_t ring_count, uint32_t r, uint32_t k) {
+    mni_bench *b = book->bench;
+    book->tried_r = book->tried_k = MN_NONE;
+    if (!mni_star_take_of_both(&b->star, s, r, k)) {
+        book->no_memory = true;
+        return 0;
+    }
+    b->next = measure_points(book, s->vertex, ring, ring_count, r, k);
+    float largest = largest_of_witnesses(b);
+    for (uint32_t i = b->witnesses; i < b->witness.count; i++)
+        largest = max_of(largest, b->witness.distance[i]);
+    book->tried_r = r;
+    book->tried_k = k;
+    return SAMPLE_FACTOR * largest;
+}
+
 void mni_witness_collapse(mni_witness_book *book, mni_surface *s, const uint32_t *ring,
                           uint32_t ring_count, uint32_t r, uint32_t k) {
     mni_bench *b = book->bench;
     mni_vertex *vertex = s->vertex;
-    if (!mni_star_take(&b->star, s, k)) {
-        book->no_memory = true;
-        return;
+    if (book->tried_r != r || book->tried_k != k) {
+        if (!mni_star_take(&b->star, s, k)) {
+            book->no_memory = true;
+            return;
+        }
+        b->next = measure_points(book, vertex, ring, ring_count, r, k);
     }
-    b->witness.count = 0;
-    gather(book, vertex, k, vertex[k].p);
-    gather(book, vertex, r, vertex[k].p);
-    /* Witnesses and middles are measured in one go: rows of lanes come out fuller. */
-    uint32_t witnesses = b->witness.count;
-    uint32_t next = add_middles(b, &b->witness, vertex, ring, 0, ring_count, r, k);
-    mni_star_measure(&b->star, &b->witness);
+    book->tried_r = book->tried_k = MN_NONE;
+    uint32_t next = b->next;
     float value = max_of(vertex[k].value, vertex[r].value);
-    for (uint32_t i = 0; i < witnesses; i++)
-        value = max_of(value, SAMPLE_FACTOR * (b->witness.distance[i] + b->slack[i]));
-    float largest = raise_neighbours(b, &b->witness, witnesses, vertex);
-    b->witness.count = witnesses;
+    value = max_of(value, SAMPLE_FACTOR * largest_of_witnesses(b));
+    float largest = raise_neighbours(b, &b->witness, b->witnesses, vertex);
+    b->witness.count = b->witnesses;
     while (next < ring_count) { /* a pole's, or an edge's with many faces */
         b->more.count = 0;
         next = add_middles(b, &b->more, vertex, ring, next, ring_count, r, k);

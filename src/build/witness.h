@@ -32,9 +32,10 @@ typedef struct mni_witnesses {
 typedef struct mni_witness_book {
     mni_witnesses *sets;
     uint32_t sets_count, sets_room;
-    uint32_t *own_start;     /* a leaf: in own[], the centres of the input triangles that it */
-    float (*own)[3];         /* answers for, which are those that begin with it */
-    struct mni_bench *bench; /* scratch */
+    uint32_t *own_start;       /* a leaf: in own[], the centres of the input triangles that it */
+    float (*own)[3];           /* answers for, which are those that begin with it */
+    struct mni_bench *bench;   /* scratch */
+    uint32_t tried_r, tried_k; /* the collapse that is measured there already; MN_NONE: none */
     bool no_memory;
 } mni_witness_book;
 
@@ -47,6 +48,11 @@ mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t set
                          mn_status *st);
 void mni_witness_fill(mni_witness_book *book, const mni_surface *surface);
 void mni_witness_close(mni_witness_book *book);
+/* How far the surface beneath both would be from k's star if r collapsed into it: a lower bound of
+ * the switch value that mni_witness_collapse would find. Changes nothing. A collapse that follows
+ * at once does not measure again. */
+float mni_witness_try(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,
+                      uint32_t ring_count, uint32_t r, uint32_t k);
 /* r has just collapsed into k on the surface; ring: r's as it was before. Sets k's value to the new
  * node's switch value and raises those of the nodes around it. */
 void mni_witness_collapse(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,

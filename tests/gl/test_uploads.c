@@ -79,7 +79,7 @@ static uint64_t run(const model *m, const mn_session_desc *desc, const char *upl
 static void all_ways(const model *m, const mn_session_desc *desc) {
     const uint64_t mapped = run(m, desc, "mapped", false, true);
     ck_assert_uint_gt(splits, 500);
-    ck_assert_uint_gt(collapses, 200);
+    ck_assert_uint_gt(collapses, 100);
     const uint64_t ranges = run(m, desc, "ranges", false, false);
     const uint64_t whole = run(m, desc, "whole", false, false);
     run(m, desc, "ranges", true, false);

@@ -218,8 +218,8 @@ START_TEST(target) {
         triangles += f.triangles;
         settled++;
     }
-    if (_i != MODEL_HEAP) /* lone triangles come many at a level */
-        ck_assert_msg(triangles > settled * TARGET * 9 / 10, "%g on average",
+    if (_i != MODEL_HEAP) /* lone triangles come many at a level, and fins some */
+        ck_assert_msg(triangles > settled * TARGET * 3 / 4, "%g on average",
                       (double)triangles / (double)settled);
     mn_session_set_triangles_max(s, 100); /* fewer than stand */
     mn_camera camera = random_camera(&m);

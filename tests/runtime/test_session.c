@@ -92,9 +92,9 @@ START_TEST(image_and_foldovers) {
     mn_session_desc desc = model_desc(&m);
     mn_session *s = model_open(&desc);
     uint64_t foldovers = 0;
-    for (int i = 0; i < 60; i++) {
+    for (int i = 0; i < 120; i++) {
         mn_camera camera = model_camera(&m, 0.05 * i, 2);
-        mn_session_set_tolerance(s, 0.5f * powf(1.17f, (float)i)); /* up to the root's own error */
+        mn_session_set_tolerance(s, 0.5f * powf(1.083f, (float)i)); /* up to the root's own error */
         mn_session_frame(s, &camera, NULL);
         foldovers += check_image(&m, s);
     }
