@@ -50,9 +50,10 @@ static void check_small(const mni_navigator *nav) {
 #endif
 }
 
-/* The reading of the clock up to which a verdict stands, rounded down. */
+/* The reading of the clock up to which a verdict stands, rounded down: without a margin it is past.
+ */
 static float due_after(const mni_navigator *nav, float margin) {
-    return margin > 0 ? (nav->clock + margin) * (1 - 1e-6f) : LOOK;
+    return (nav->clock + margin) * (1 - 1e-6f);
 }
 
 /* The fork, keyed by its order id, if it is one and not wanted. It is new: so it is looked at in

@@ -305,15 +305,20 @@ uint32_t mni_ring_join(mni_front *f, uint32_t left, uint32_t right,
 
 void mni_front_fetch_simplices(const mni_front *f, uint32_t slot, bool leaves) {
     const mni_front_node *n = &f->node[slot];
+#pragma GCC unroll 8
     for (int i = 0; i < HALF; i++)
         __builtin_prefetch(&f->simplex_node[mni_corner_at(n->corner[i])]);
-    for (int i = 0; leaves && i < HALF; i++)
+    if (!leaves)
+        return;
+#pragma GCC unroll 8
+    for (int i = 0; i < HALF; i++)
         __builtin_prefetch(&f->simplex_leaf[mni_corner_at(n->corner[i])]);
 }
 
 /* Those that stand after it suffice, but at an open edge. */
 void mni_front_fetch_ring(const mni_front *f, uint32_t slot) {
     const mni_front_node *n = &f->node[slot];
+#pragma GCC unroll 8
     for (int i = 0; i < HALF; i++)
         __builtin_prefetch(&f->node[mni_corner_slot(f, mni_corner_after(n->corner[i]))]);
 }
