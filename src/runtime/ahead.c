@@ -161,8 +161,8 @@ static void scan_branches(mni_ahead *a, mni_front *f, uint32_t from, uint32_t to
 typedef struct part {
     uint32_t from, to;
 } part;
-static part turn(uint32_t count, uint32_t *next) {
-    const uint32_t size = (count / MNI_AHEAD_TURNS / MNI_SIEVE_BATCH + 1) * MNI_SIEVE_BATCH;
+static part turn(uint32_t count, uint32_t turns, uint32_t *next) {
+    const uint32_t size = (count / turns / MNI_SIEVE_BATCH + 1) * MNI_SIEVE_BATCH;
     const uint32_t from = *next < count ? *next : 0;
     const bool last = count - from <= size;
     *next = last ? 0 : from + size;
@@ -173,8 +173,8 @@ void mni_ahead_scan(mni_ahead *a, mni_front *front) {
     a->splits = 0;
     if (!a->look.moves || !(a->look.now.tolerance_px > 0))
         return;
-    const part slots = turn(front->slots_high, &a->slot);
-    const part branches = turn(front->branches_high, &a->branch);
+    const part slots = turn(front->slots_high, MNI_AHEAD_TURNS, &a->slot);
+    const part branches = turn(front->branches_high, MNI_AHEAD_UP_TURNS, &a->branch);
     scan_slots(a, front, slots.from, slots.to);
     scan_branches(a, front, branches.from, branches.to);
 }

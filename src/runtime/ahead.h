@@ -14,6 +14,8 @@
 enum {
     MNI_AHEAD_HORIZON = 12, /* frames that the camera is looked ahead */
     MNI_AHEAD_TURNS = 4,    /* frames in which the whole front has its turn; so much less is told */
+    MNI_AHEAD_UP_TURNS =
+        16,                 /* in which its forks have: the way up is in memory for the most part */
     MNI_AHEAD_SPLITS = 48,  /* in a frame, that are worth a rehearsal */
     MNI_AHEAD_KNOWN = 4096, /* nodes whose rehearsal went well, remembered; a power of two */
 };

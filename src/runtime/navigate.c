@@ -528,12 +528,14 @@ static void rehearse(mni_navigator *nav) {
     uint32_t chain_max = nav->chain_max, count;
     if (nav->chain_max > MNI_REHEARSED_MAX)
         nav->chain_max = MNI_REHEARSED_MAX;
-    for (uint32_t i = 0; i < ahead->splits; i++) {
+    uint32_t budget = front->active / MNI_REHEARSED_SHARE + MNI_REHEARSED_LEAST, spent = 0;
+    for (uint32_t i = 0; i < ahead->splits && spent < budget; i++) {
         const mni_ahead_split *split = &ahead->split[i];
         if (!mni_front_stands(front, split->node))
             continue;
         mni_store_rehearse(front->store, split->frames + 1);
         mni_outcome outcome = chain_find(nav, split->node.slot, &count);
+        spent += 1 + count;
         if (outcome == MNI_DONE) {
             for (uint32_t c = 0; c < count; c++)
                 for (int side = 0; side < 2; side++) {
