@@ -54,7 +54,7 @@ END_TEST
  * it; and is when there is. */
 START_TEST(given_up_until_there_is_room) {
     model m;
-    model_make(&m, MODEL_GLOBE, 1500, &blockings[_i]);
+    model_make(&m, MODEL_GLOBE, 6000, &blockings[_i]);
     mn_session_desc desc = model_desc(&m);
     desc.store = MN_STORE_PAGED;
     desc.io = MN_IO_SIM;
