@@ -1,7 +1,7 @@
 /* e2e_damage FILE STEP …: changes a .mnt or .vdt in place, and makes its checksums good again when
  * told to, so that what lies behind them is tried too.
  *
- *   put OFFSET TYPE VALUE   u8, u32, u64, f32 or f64 at a byte
+ *   put OFFSET TYPE VALUE   u8, u16, u32, u64, f32 or f64 at a byte
  *   add OFFSET VALUE        to the u32 there, modulo 2^32
  *   seal                    the header's checksum (of a .vdt: those of its sections first)
  *   seal-block ID           a block's checksum
@@ -59,7 +59,10 @@ static void put(uint64_t offset, const char *type, const char *text) {
         memcpy(at(offset, sizeof value), &value, sizeof value);
     } else { /* little-endian: the low bytes come first */
         uint64_t value = strtoull(text, NULL, 0);
-        size_t count = strcmp(type, "u8") == 0 ? 1 : strcmp(type, "u32") == 0 ? 4 : 8;
+        size_t count = strcmp(type, "u8") == 0    ? 1
+                       : strcmp(type, "u16") == 0 ? 2
+                       : strcmp(type, "u32") == 0 ? 4
+                                                  : 8;
         if (count == 8 && strcmp(type, "u64") != 0)
             die("no type", type);
         memcpy(at(offset, count), &value, count);

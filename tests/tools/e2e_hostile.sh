@@ -383,25 +383,27 @@ simplices|add $((payload + 12)) 1
 simplices without end|put $((payload + 12)) u32 0xffffffff
 colours|put $((payload + 16)) u32 2
 order ids|add $((payload + 24)) 1
-leaf_mid|add $((payload + 28)) 1
-switch values are nan|put $((payload + 32)) u32 0x7fc00000
-radii are nan|put $((payload + 36)) u32 0x7fc00000
+switch values are nan|put $((payload + 28)) u32 0x1ff0
+switch values|add $((payload + 28)) -1
+radii are nan|put $((payload + 32)) u32 0xff8
+radii|add $((payload + 32)) -1
 positions|put $((payload + 24 + 4 * 7)) u32 0xffc00000
-kinds|add $((payload + 24 + 4 * 14)) 1
-right children|add $((payload + 24 + 4 * 15)) 1
-overflow|add $((payload + 24 + 4 * 17)) 1
-first simplices|add $((payload + 24 + 4 * 18)) 1
-nodes of subtrees|add $((payload + 24 + 4 * 21)) 1
-leaf_lo|add $((payload + 24 + 4 * 22)) 1
-leaf_hi|add $((payload + 24 + 4 * 23)) 1
-parents' order ids|add $((payload + 24 + 4 * 31)) 1
-parents' switch values|add $((payload + 24 + 4 * 32)) -0x100000
-parents' radii|add $((payload + 24 + 4 * 33)) -0x100000
-corners|add $((payload + 24 + 4 * 37)) 1
-second corners|add $((payload + 24 + 4 * 38)) 1
-a column of 33 bits|put $((payload + 184)) u8 33
-a column of 255 bits|put $((payload + 184 + 37)) u8 255
-a column of one bit|put $((payload + 184)) u8 1
+leaf_lo|add $((payload + 24 + 4 * 13)) 1
+far corners|add $((payload + 80)) 1
+switch values begin late|add $((payload + 84 + 2 * 1)) 1
+left begins late|add $((payload + 84 + 2 * 6)) 1
+positions begin late|add $((payload + 84 + 2 * 7)) 1
+exits begin late|add $((payload + 84 + 2 * 16)) 1
+lack ends late|add $((payload + 84 + 2 * 19)) 1
+simplices begin late|add $((payload + 84 + 2 * 20)) 1
+second corners begin late|add $((payload + 84 + 2 * 23)) 1
+third corners begin late|add $((payload + 84 + 2 * 24)) 1
+simplices end late|add $((payload + 84 + 2 * 25)) 1
+exits end late|add $((payload + 84 + 2 * 28)) 1
+leaf_lo begins late|add $((payload + 84 + 2 * 30)) 1
+sizes begin late|add $((payload + 84 + 2 * 31)) 1
+a field without end|put $((payload + 84 + 2 * 7)) u16 0xffff
+fields in disorder|put $((payload + 84 + 2 * 7)) u16 0
 END
     done < <("$damage" hills.mnt blocks | awk 'NR == 1 || $6 > 0 && ++n == 3')
     # references: round in a circle, out of the file, twice the same

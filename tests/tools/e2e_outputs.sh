@@ -47,7 +47,7 @@ no_place() {
 disk() {
     mkdir -p disk
     umount disk 2>/dev/null || true
-    if ! mount -t tmpfs -o size=128k none disk 2>"$err"; then
+    if ! mount -t tmpfs -o size=64k none disk 2>"$err"; then
         skip "$1: no disk can be mounted ($(head -n 1 "$err"))"
         return 1
     fi
