@@ -51,10 +51,11 @@ extracted() {
 
 # distances NAME MESH MNT: full detail is where the input is; an error that was asked for is kept.
 distances() {
-    local name=$1 mesh=$2 mnt=$3 diagonal max error got
+    local name=$1 mesh=$2 mnt=$3 diagonal max error got step
+    expect 0 "$name" info "$mnt" --json && step=$(figures grid_step) || return 0
     expect 0 "$name" compare "$mesh" full.ply --samples 20000 --json || return 0
     read -r diagonal max < <(figures diagonal max | paste -sd' ')
-    holds "$name: full detail lies on the input" "$max <= 1e-6 * $diagonal"
+    holds "$name: full detail lies on the input" "$max <= 0.867 * $step + 1e-6 * $diagonal" # half a cell's diagonal
     error=$(awk "BEGIN {print 0.01 * $diagonal}")
     expect 0 "$name" extract "$mnt" --error "$error" -o part.ply --json || return 0
     got=$(figures triangles)
