@@ -130,10 +130,14 @@ bool cli_u64(const char *text, uint64_t min, uint64_t max, uint64_t *value) {
     errno = 0;
     if (text[0] < '0' || text[0] > '9')
         return false;
-    unsigned long long v = strtoull(text, &end, 10);
-    if (*end != 0 || errno != 0 || v < min || v > max)
+    unsigned long long v = strtoull(text, &end, 10), unit = 1;
+    static const char units[] = "kMG";
+    const char *found = *end != 0 ? strchr(units, *end) : NULL;
+    for (long i = 0; found != NULL && i <= found - units; i++)
+        unit *= 1000;
+    if (end[found != NULL] != 0 || errno != 0 || v > max / unit || v * unit < min)
         return false;
-    *value = v;
+    *value = v * unit;
     return true;
 }
 

@@ -532,6 +532,9 @@ build
 build good.obj
 build good.obj good.ply -o x.mnt
 build good.obj -o x.mnt --nonsense
+make sphere --triangles 5kk -o x.ply
+make sphere --triangles 5Q -o x.ply
+make sphere --triangles 99999999999G -o x.ply
 build good.obj -o
 build good.obj -o x.mnt --ram
 build good.obj -o x.mnt --ram lots

@@ -140,7 +140,7 @@ overflow() {
 
 # Under a cap that is too small for all at once: a tree as good, the same for any cap and any -j.
 rounds() {
-    expect 0 rounds make terrain --triangles 120000 --seed 5 -o hills.ply || return 0
+    expect 0 rounds make terrain --triangles 120k --seed 5 -o hills.ply || return 0
     expect 5 "rounds: no cap" build hills.ply -o never.mnt --ram 1M || return 0
     local least jobs at_once
     least=$(grep -o -- '--ram [0-9]*M' "$err" | grep -o '[0-9]*')
