@@ -139,7 +139,7 @@ typedef struct mn_frame_stats {
     uint64_t front_hash; /* XXH3 of the sorted active order ids */
     uint32_t blocks_in_use, blocks_resident;
     uint32_t blocks_with_ancestors; /* in use, and all their ancestors: what K must hold */
-    bool changed; /* something was split, collapsed or still waits for a read */
+    bool changed;                   /* something was split, collapsed or still waits for a read */
 } mn_frame_stats;
 
 /* Totals since open; the keys of replay --json that are not a summary over frames. */
@@ -153,7 +153,8 @@ typedef struct mn_session_stats {
     uint64_t urgent_up, urgent_down, urgent_down_refused, evictions;
     uint64_t checksum_failures, io_errors;
     uint64_t nav_lock_waits, nav_lock_wait_ns_max; /* Navigate's waits for a lock, in frames */
-    uint64_t io_busy_ns; /* in which reads were in flight, or their blocks looked at; 0: simulated */
+    uint64_t
+        io_busy_ns; /* in which reads were in flight, or their blocks looked at; 0: simulated */
     uint64_t io_lock_hold_ns_max; /* longest hold of the pool's by the I/O thread */
 } mn_session_stats;
 
