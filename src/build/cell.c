@@ -15,8 +15,7 @@ typedef struct run {
     mni_cell *cell;
     const mni_cell_desc *desc;
     mni_simplifier s;
-    uint32_t triangles;  /* of the cell's simplices; they stand first */
-    mni_cell_vertex *of; /* what node's vertex began as: cell->vertex */
+    uint32_t triangles; /* of the cell's simplices; they stand first */
 } run;
 
 /* ---- loading ---- */

@@ -6,8 +6,8 @@
  *
  *   vertices:   v v v v v v v | v v v v v v v | …      cut after so many
  *   sights:     (vertex, keys seen from another cell)  join their vertex
- *   simplices:  those whose first corner is in the cell; if its other corners are not, it goes on
- * to the next round as it is, and its corners get sights
+ *   simplices:  those whose first corner is in the cell; one whose other corners are not goes
+ *               on to the next round as it is, and its corners get sights
  *
  * A vertex is at the border when a neighbour's key is not inside the cell's. Threads take cells in
  * turn, work on them side by side, and give them back in turn. */
@@ -16,7 +16,6 @@
 #include <malloc.h>
 #include <math.h>
 #include <pthread.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 

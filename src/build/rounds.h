@@ -13,6 +13,9 @@
  * put off. Afterwards all are put in the order of their keys, the largest cost that each has waited
  * for: so a collapse of a late round that was cheap stands among the cheap ones.
  * What comes out depends on the mesh and the options, never on memory or the number of threads.
+ *
+ * One call, which starts its threads and ends them; it blocks on temporary files. Memory: the mesh
+ * and the tree, 8 bytes a vertex, cells and sorts within what ram_bytes leaves.
  * Paper: §3.1; design.md §3.3. */
 #ifndef MNI_ROUNDS_H
 #define MNI_ROUNDS_H

@@ -576,6 +576,7 @@ mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *
         desc->ram_bytes == 0 || whole_bytes(mesh->vertices, mesh->triangles) <= desc->ram_bytes;
     mn_code code = desc->cell_vertices > 0 || !whole ? simplify_in_rounds(mesh, desc, out, st)
                                                      : simplify_whole(mesh, desc, out, st);
-    out->counts.seconds_simplify = now_s() - started_s;
+    if (code == MN_OK)
+        out->counts.seconds_simplify = now_s() - started_s;
     return code;
 }

@@ -6,10 +6,10 @@
  *
  *   the camera stands  what fits at a level fits at every higher one: a search between the highest
  *                      that was too low and the lowest that is enough, in strides that double and,
- *                      between both, halve. No level is tried twice, so it ends, and with
- * everything in memory at the same rung from whichever side: the lowest that fits. the camera moves
- * up as long as something is refused, in strides that double; down, after a pause, as far as the
- * room that is left allows.
+ *                      between both, halve. No level is tried twice, so it ends, and with all
+ *                      in memory at the same rung from whichever side: the lowest that fits
+ *   the camera moves   up as long as something is refused, in strides that double; down, after a
+ *                      pause, as far as the room that is left allows
  *
  * Wanted nodes are split by falling error. So when one is refused, all that is wanted at its own
  * error stands: a level that is enough is known without a trial. (It may be too high by far, where

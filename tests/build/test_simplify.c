@@ -426,6 +426,7 @@ START_TEST(rounds_end_when_they_must) {
         .cell_vertices = 100, .threads = 3, .progress = stop_at_third, .progress_context = &calls};
     ck_assert_int_eq(mn_simplify(&m.mesh, &desc, &tree, &st), MN_FAILED);
     ck_assert_str_eq(st.text, "interrupted");
+    ck_assert_mem_eq(&tree, &(mn_tree){0}, sizeof tree);
     st = (mn_status){0};
     desc = (mn_simplify_desc){.cell_vertices = 100, .temp_dir = "/nowhere/at/all"};
     ck_assert_int_eq(mn_simplify(&m.mesh, &desc, &tree, &st), MN_FAILED);
