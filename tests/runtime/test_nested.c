@@ -9,7 +9,7 @@
 #include "navigate.h"
 #include "suite.h"
 
-enum { TRIANGLES = 3000, CAMERAS = 300 };
+enum { TRIANGLES = 3000, CAMERAS = 100 };
 
 typedef struct rig {
     model m;
