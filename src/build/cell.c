@@ -121,7 +121,7 @@ static void look_at_leaves(run *r) {
         memcpy(cell->simplex[x].normal, &r->s.judge.normal[3 * (size_t)x],
                sizeof cell->simplex[x].normal);
     for (uint32_t v = 0; v < cell->vertices; v++) {
-        cell->vertex[v].leaves = 1;
+        cell->vertex[v].leaves = cell->vertex[v].levels = 1;
         if (!cell->vertex[v].ghost)
             cell->vertex[v].bounds = mni_leaf_bounds(&r->s.surface, r->s.judge.normal, v);
     }
@@ -130,19 +130,26 @@ static void look_at_leaves(run *r) {
 
 /* ---- giving back ---- */
 
-/* What is known of a node: where its vertex stands, and its bounds. */
+/* What is known of a node: where its vertex stands, what is below it, and its bounds. */
 typedef struct node {
-    uint32_t vertex, leaves;
+    uint32_t vertex, leaves, split, levels;
     mni_node_bounds bounds;
 } node;
 
-static node node_of(const mni_cell *cell, const uint32_t *vertex_of, uint32_t n) {
+/* Of a collapse made here, what its record does not say. */
+typedef struct made_node {
+    uint32_t vertex, levels;
+} made_node;
+
+static node node_of(const mni_cell *cell, const made_node *made, uint32_t n) {
     if (n < cell->vertices) {
         const mni_cell_vertex *v = &cell->vertex[n];
-        return (node){n, v->leaves, v->bounds};
+        return (node){n, v->leaves, v->split, v->levels, v->bounds};
     }
     const mni_cell_collapse *c = &cell->collapse[n - cell->vertices];
-    return (node){vertex_of[n - cell->vertices], c->left_leaves + c->right_leaves, c->bounds};
+    const made_node *m = &made[n - cell->vertices];
+    return (node){m->vertex, c->left_leaves + c->right_leaves, c->left_leaves, m->levels,
+                  c->bounds};
 }
 
 static mn_code give_collapses(run *r, mn_status *st) {
@@ -150,17 +157,17 @@ static mn_code give_collapses(run *r, mn_status *st) {
     const mni_collapses *made = &r->s.made;
     uint32_t m = cell->vertices;
     cell->collapse = calloc(made->count + 1, sizeof *cell->collapse);
-    uint32_t *vertex_of = malloc((made->count + 1) * sizeof *vertex_of);
-    if (cell->collapse == NULL || vertex_of == NULL) {
-        free(vertex_of);
+    made_node *of = malloc((made->count + 1) * sizeof *of);
+    if (cell->collapse == NULL || of == NULL) {
+        free(of);
         return mn_fail(st, MN_FAILED, "out of memory for %u collapses", made->count);
     }
     cell->collapses = made->count;
     for (uint32_t i = 0; i < made->count; i++) {
         uint32_t left = made->left[i], right = made->right[i];
-        node a = node_of(cell, vertex_of, left), b = node_of(cell, vertex_of, right);
+        node a = node_of(cell, of, left), b = node_of(cell, of, right);
         mni_cell_collapse *c = &cell->collapse[i];
-        vertex_of[i] = a.vertex;
+        of[i] = (made_node){a.vertex, 1 + (a.levels > b.levels ? a.levels : b.levels)};
         *c = (mni_cell_collapse){
             .left = left < m ? cell->vertex[left].node : MNI_COLLAPSE + left - m,
             .right = right < m ? cell->vertex[right].node : MNI_COLLAPSE + right - m,
@@ -170,6 +177,8 @@ static mn_code give_collapses(run *r, mn_status *st) {
             .right_value = made->value[right],
             .left_leaves = a.leaves,
             .right_leaves = b.leaves,
+            .left_split = a.split,
+            .right_split = b.split,
             .key = made->key[i],
             .bounds = mni_parent_bounds(r->s.surface.vertex[a.vertex].p, a.bounds,
                                         r->s.surface.vertex[b.vertex].p, b.bounds)};
@@ -184,9 +193,11 @@ static mn_code give_collapses(run *r, mn_status *st) {
         to->node = MNI_COLLAPSE + n - m;
         to->made = true;
         to->leaves = c->left_leaves + c->right_leaves;
+        to->split = c->left_leaves;
+        to->levels = of[n - m].levels;
         to->bounds = c->bounds;
     }
-    free(vertex_of);
+    free(of);
     return MN_OK;
 }
 

@@ -23,6 +23,8 @@ typedef struct mni_cell_vertex {
     float key;   /* of its node (mni_part) */
     mni_node_bounds bounds;
     uint32_t leaves;    /* below its node */
+    uint32_t split;     /* of these, below its left child; 0: it is a leaf */
+    uint32_t levels;    /* nodes on the longest way down from its node; of a leaf, 1 */
     bool border, ghost; /* ghost: of another cell, here to be seen */
     bool made;          /* node is of this cell: still without what cells before it have made */
     double quadric[10]; /* c, xx, yy, zz, xy, xz, yz, x, y, z */
@@ -47,8 +49,9 @@ typedef struct mni_cell_collapse {
     float key;
     mni_node_bounds bounds;
     uint32_t left_leaves, right_leaves;
-    uint32_t simplices;         /* killed */
-    bool left_made, right_made; /* as in a vertex */
+    uint32_t left_split, right_split; /* of these, below the child's own left child; 0: a leaf */
+    uint32_t simplices;               /* killed */
+    bool left_made, right_made;       /* as in a vertex */
 } mni_cell_collapse;
 
 typedef struct mni_cell {

@@ -250,6 +250,7 @@ mn_code mni_history_tree(mni_history *h, const mn_mesh *mesh, const uint32_t *ve
         return code;
     }
     t->triangles = mesh->triangles;
+    MN_ASSERT(t->depth_max == h->root_levels);
     t->legal_last = n - 1 + (uint32_t)h->counts.collapses_by_stage[0];
     t->grid_step = mesh->grid_step;
     t->intake = mesh->intake;

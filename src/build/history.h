@@ -10,6 +10,7 @@ typedef struct mni_history {
         killed; /* mni_cell_collapse; three ids each. In the order of their making */
     uint32_t collapses, killed_count, hinges;
     float root_value;
+    uint32_t root_levels; /* nodes on the longest way down */
     mn_build_counts counts;
 } mni_history;
 

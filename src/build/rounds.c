@@ -635,8 +635,11 @@ static mn_code all_rounds(rounds *r) {
             code = turn_over(r);
     }
     r->history.counts.rounds = r->round;
-    if (code == MN_OK)
-        r->history.root_value = ((const vertex_record *)r->now[VERTICES].next)->v.value;
+    if (code == MN_OK) {
+        const mni_cell_vertex *root = &((const vertex_record *)r->now[VERTICES].next)->v;
+        r->history.root_value = root->value;
+        r->history.root_levels = root->levels;
+    }
     return code;
 }
 
