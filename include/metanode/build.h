@@ -118,6 +118,9 @@ typedef struct mn_tree {
     mn_build_counts counts;
 } mn_tree;
 
+/* What a long build has finished, kept in a folder until it is over; see mn_work_open. */
+typedef struct mn_work mn_work;
+
 typedef struct mn_simplify_desc {
     mn_metric metric;        /* default qem */
     bool quadrics_alone;     /* qem: the error on the surface is not measured in advance; for
@@ -128,9 +131,11 @@ typedef struct mn_simplify_desc {
     /* What does not fit is simplified in rounds, cell by cell; a tree of the same quality, but not
      * the same tree. It depends on the mesh, the metric and cell_vertices alone. */
     uint32_t
-        cell_vertices;    /* in rounds, whatever fits, of such cells; 0: only if need be, of 8192 */
-    uint32_t threads;     /* of rounds; 0: 1 */
-    const char *temp_dir; /* of rounds; NULL: the working directory */
+        cell_vertices; /* in rounds, whatever fits, of such cells; 0: only if need be, of 8192 */
+    uint32_t position_bits; /* of the grid (mn_mesh_quantise), where it is not made before; 0:
+                               MN_POSITION_BITS */
+    uint32_t threads;       /* of rounds; 0: 1 */
+    const char *temp_dir;   /* of rounds; NULL: the working directory */
     mn_progress progress;
     void *progress_context;
 } mn_simplify_desc;
@@ -149,6 +154,38 @@ mn_code mn_tree_write(const char *path, const mn_tree *tree, mn_status *st); /* 
 mn_code mn_tree_read(const char *path, mn_tree *out, mn_status *st);
 /* Does the file begin like a .vdt? false also where it cannot be read. */
 bool mn_tree_is_vdt(const char *path);
+
+/* ---- going on after a kill ----------------------------------------------------------------- */
+
+typedef enum mn_phase { /* of a build, in their order */
+                        MN_PHASE_NONE = 0,
+                        MN_PHASE_READ,
+                        MN_PHASE_SIMPLIFY,
+                        MN_PHASE_ORDER,
+} mn_phase;
+
+typedef struct mn_work_desc {
+    const char *path; /* the folder, made if need be: on the disk of the temporary files, and for
+                         one output alone */
+    const char *in;   /* the mesh */
+    /* What the result depends on; the rest of both may be another when the work is resumed. */
+    const mn_read_desc *read;
+    const mn_simplify_desc *simplify;
+    bool resume; /* go on behind what was finished; false: what lies there is cleared */
+} mn_work_desc;
+
+/* Takes the folder, which only one process can have. With resume, files that were kept are read
+ * once and compared with their checksums; if there is nothing whole to go on from, work begins at
+ * the beginning, and mn_work_note says why. Refused: MN_USAGE where it was begun with other
+ * options, MN_BAD_INPUT where the mesh has changed, MN_FAILED where another build has the folder,
+ * or it holds something else. Nothing is changed then. */
+mn_code mn_work_open(mn_work **work, const mn_work_desc *desc, mn_status *st);
+/* What need not be done again. */
+mn_phase mn_work_done(const mn_work *work);
+/* A line for who asked to resume: after which phase it goes on, or why it does not. */
+const char *mn_work_note(const mn_work *work);
+/* Removes the folder and what is in it. NULL is harmless. */
+void mn_work_close(mn_work *work);
 
 /* ---- blocks ------------------------------------------------------------------------------- */
 

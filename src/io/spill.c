@@ -1,6 +1,7 @@
-/* Temporary files: see spill.h. Secret: how a file without a name is made, and what the kernel is
- * told of what comes next. Memory: none. Threads: each object one at a time. */
-#define _GNU_SOURCE /* O_TMPFILE, fallocate */
+/* Temporary files: see spill.h. Secret: how a file without a name is made, and given one, and what
+ * the kernel is told of what comes next. Memory: the state of a kept one's checksum. Threads: each
+ * object one at a time. */
+#define _GNU_SOURCE /* O_TMPFILE, fallocate, copy_file_range */
 #include "spill.h"
 
 #include <errno.h>
@@ -8,7 +9,9 @@
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #include "assert.h"
 
@@ -26,7 +29,7 @@ static mn_code not_made(const char *dir, mn_status *st) {
 
 mn_code mni_spill_open(mni_spill *spill, const char *dir, mn_status *st) {
     *spill = (mni_spill){.dir = dir};
-    spill->fd = open(dir, O_RDWR | O_TMPFILE | O_EXCL | O_CLOEXEC, 0600);
+    spill->fd = open(dir, O_RDWR | O_TMPFILE | O_CLOEXEC, 0600);
     if (spill->fd >= 0)
         return MN_OK;
     char name[PATH_MAX]; /* file systems that have no files without names */
@@ -45,6 +48,8 @@ void mni_spill_close(mni_spill *spill) {
     if (spill->fd >= 0)
         close(spill->fd);
     spill->fd = -1;
+    XXH3_freeState(spill->sum);
+    spill->sum = NULL;
 }
 
 static mn_code write_failed(mni_spill *spill, int error) {
@@ -70,6 +75,8 @@ mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count) {
             continue;
         if (put <= 0)
             return write_failed(spill, put < 0 ? errno : EIO);
+        if (spill->sum != NULL)
+            XXH3_64bits_update(spill->sum, from, (size_t)put);
         from += put;
         count -= (size_t)put;
         spill->size_bytes += (uint64_t)put;
@@ -102,6 +109,88 @@ mn_code mni_spill_end(mni_spill_writer *w) {
     return w->spill->trouble.code;
 }
 
+/* ---- keeping --------------------------------------------------------------------------------- */
+
+mn_code mni_spill_keep(mni_spill *spill, mn_status *st) {
+    MN_ASSERT(spill->fd >= 0 && spill->size_bytes == 0 && spill->sum == NULL);
+    spill->sum = XXH3_createState();
+    if (spill->sum == NULL)
+        return mn_fail(st, MN_FAILED, "out of memory for a temporary file");
+    XXH3_64bits_reset(spill->sum);
+    return MN_OK;
+}
+
+uint64_t mni_spill_sum(const mni_spill *spill) {
+    MN_ASSERT(spill->sum != NULL);
+    return XXH3_64bits_digest(spill->sum);
+}
+
+/* 0, or errno. */
+static int copy_to_name(const mni_spill *spill, int folder, const char *name) {
+    int to = openat(folder, name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600), error = 0;
+    off_t from = 0;
+    if (to < 0)
+        return errno;
+    while (error == 0 && (uint64_t)from < spill->size_bytes) {
+        ssize_t put =
+            copy_file_range(spill->fd, &from, to, NULL, spill->size_bytes - (uint64_t)from, 0);
+        if (put <= 0 && errno != EINTR)
+            error = put < 0 ? errno : EIO;
+    }
+    close(to);
+    if (error != 0)
+        unlinkat(folder, name, 0);
+    return error;
+}
+
+mn_code mni_spill_name(mni_spill *spill, int folder, const char *name, mn_status *st) {
+    char self[32];
+    MN_ASSERT(spill->sum != NULL);
+    if (spill->trouble.code != MN_OK)
+        return mn_fail(st, spill->trouble.code, "%s", spill->trouble.text);
+    snprintf(self, sizeof self, "/proc/self/fd/%d", spill->fd);
+    if (linkat(AT_FDCWD, self, folder, name, AT_SYMLINK_FOLLOW) == 0)
+        return MN_OK;
+    int error = errno == EEXIST ? EEXIST : copy_to_name(spill, folder, name);
+    if (error == 0)
+        return MN_OK;
+    return mn_fail(st, mn_code_of_write(error), "%s: cannot keep a temporary file as %s: %s",
+                   spill->dir, name, strerror(error));
+}
+
+/* The bytes, read once from front to back. */
+static mn_code check_sum(mni_spill *spill, uint64_t sum, mn_status *st) {
+    enum { PIECE_BYTES = 64 << 10 };
+    mni_spill_reader from;
+    void *piece = malloc(PIECE_BYTES);
+    if (piece == NULL)
+        return mn_fail(st, MN_FAILED, "out of memory for a temporary file");
+    mni_spill_reader_open(&from, spill, 0, spill->size_bytes, piece, PIECE_BYTES, false);
+    while (mni_spill_refill(&from))
+        XXH3_64bits_update(spill->sum, piece, from.filled_bytes);
+    free(piece);
+    if (spill->trouble.code != MN_OK)
+        return mn_fail(st, spill->trouble.code, "%s", spill->trouble.text);
+    return XXH3_64bits_digest(spill->sum) == sum ? MN_OK : MN_BAD_INPUT;
+}
+
+mn_code mni_spill_resume(mni_spill *spill, const char *dir, int folder, const char *name,
+                         uint64_t size_bytes, uint64_t sum, mn_status *st) {
+    struct stat info;
+    *spill = (mni_spill){.dir = dir};
+    spill->fd = openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    mn_code code = MN_BAD_INPUT;
+    if (spill->fd >= 0 && fstat(spill->fd, &info) == 0 && S_ISREG(info.st_mode) &&
+        (uint64_t)info.st_size == size_bytes && (code = mni_spill_keep(spill, st)) == MN_OK) {
+        spill->size_bytes = size_bytes;
+        code = check_sum(spill, sum, st);
+    }
+    if (code == MN_OK)
+        return MN_OK;
+    mni_spill_close(spill);
+    return mn_fail(st, code, "%s: not the file that was kept as %s", dir, name);
+}
+
 /* ---- reading --------------------------------------------------------------------------------- */
 
 /* Hints: what they cannot do is not done. */
@@ -130,7 +219,7 @@ void mni_spill_reader_open(mni_spill_reader *r, mni_spill *spill, uint64_t from,
     *r = (mni_spill_reader){.spill = spill,
                             .next = from,
                             .end = to,
-                            .discarded = discards ? from : UINT64_MAX,
+                            .discarded = discards && spill->sum == NULL ? from : UINT64_MAX,
                             .buffer = buffer,
                             .buffer_bytes = buffer_bytes};
     ask_for(r);

@@ -9,6 +9,11 @@
  * reader that discards gives its bytes back to the disk (and to the page cache, unwritten where
  * they have not been written yet) about as fast as it is read.
  *
+ * A spill that is kept can be given a name, and outlives the process under it; another process
+ * takes it up, if the bytes are still those that were written:
+ *
+ *   open, keep ── writers … ── name ┆ (a kill, or the end) ┆ resume ── readers … ── close
+ *
  * The first failure is kept in the spill: writes after it do nothing, reads find nothing.
  * MN_NO_SPACE for a full disk. Threads: one at a time a spill; calls may block on the disk. */
 #ifndef MNI_SPILL_H
@@ -27,6 +32,7 @@ typedef struct mni_spill {
     uint64_t size_bytes;                /* written so far: where the next writer begins */
     uint64_t bytes_read, bytes_written; /* moved between us and the file */
     mn_status trouble;                  /* the first failure */
+    void *sum;                          /* of a kept one: XXH3 of what was written, so far */
 } mni_spill;
 
 /* A file without a name in dir. MN_FAILED, MN_NO_SPACE: it cannot be made there. */
@@ -35,6 +41,21 @@ mn_code mni_spill_open(mni_spill *spill, const char *dir, mn_status *st);
 void mni_spill_close(mni_spill *spill);
 /* Appends as it is, without a buffer. */
 mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count);
+
+/* ---- keeping ------------------------------------------------------------------------------- */
+
+/* Of an open spill in which nothing is yet: it may be named later, and no reader discards of it.
+ * Costs a small allocation and a checksum of what is written. MN_FAILED: no memory. */
+mn_code mni_spill_keep(mni_spill *spill, mn_status *st);
+/* XXH3 of all that was written; of a kept spill. */
+uint64_t mni_spill_sum(const mni_spill *spill);
+/* Gives a kept spill a name in the folder (on the same disk), which must be free there. The spill
+ * goes on as it is. It is copied where the file system has no files without names. */
+mn_code mni_spill_name(mni_spill *spill, int folder, const char *name, mn_status *st);
+/* Takes up what was named so, as a kept spill without room for more; dir as in open. MN_BAD_INPUT:
+ * it is not there, or not those bytes: which takes reading them. */
+mn_code mni_spill_resume(mni_spill *spill, const char *dir, int folder, const char *name,
+                         uint64_t size_bytes, uint64_t sum, mn_status *st);
 
 /* ---- writing: one writer at a time --------------------------------------------------------- */
 
@@ -71,7 +92,8 @@ typedef struct mni_spill_reader {
     size_t buffer_bytes, filled_bytes, taken_bytes;
 } mni_spill_reader;
 
-/* Bytes [from, to) of what writers have ended. discard: each byte is read once. */
+/* Bytes [from, to) of what writers have ended. discard: each byte is read once (a kept spill stays
+ * whole all the same). */
 void mni_spill_reader_open(mni_spill_reader *r, mni_spill *spill, uint64_t from, uint64_t to,
                            void *buffer, size_t buffer_bytes, bool discard);
 bool mni_spill_refill(mni_spill_reader *r);

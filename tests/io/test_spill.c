@@ -1,7 +1,8 @@
 /* Goal: what was written to a temporary file comes back, from any number of readers; it has no
- * name, gives its room back as it is read, and trouble is told in the right class. Method: seeded
- * bytes in pieces and buffers of many sizes; a full disk by /dev/full and RLIMIT_FSIZE; a cut file;
- * a file system without nameless files by a filter on system calls. */
+ * name until it is given one, gives its room back as it is read, is taken up again only if it is
+ * the same to the byte, and trouble is told in the right class. Method: seeded bytes in pieces and
+ * buffers of many sizes; a full disk by /dev/full and RLIMIT_FSIZE; a cut file; a file system
+ * without nameless files by a filter on system calls. */
 #define _GNU_SOURCE /* O_TMPFILE */
 #include <check.h>
 #include <dirent.h>
@@ -153,6 +154,86 @@ START_TEST(room_is_given_back) {
 }
 END_TEST
 
+/* ---- keeping ------------------------------------------------------------------------------- */
+
+/* A kept spill, full, named "kept" in the folder; its sum. */
+static uint64_t keep_one(int at, uint64_t size) {
+    static unsigned char buffer[65536];
+    mni_spill s = open_spill();
+    mni_spill_reader r;
+    mn_status st = {0};
+    ck_assert_int_eq(mni_spill_keep(&s, &st), MN_OK);
+    ck_assert_int_eq(fill(&s, size, 5000), MN_OK);
+    ck_assert_int_eq(entries(), 0);
+    ck_assert_msg(mni_spill_name(&s, at, "kept", &st) == MN_OK, "%s", st.text);
+    ck_assert_int_eq(entries(), 1);
+    mni_spill_reader_open(&r, &s, 0, size, buffer, sizeof buffer, true); /* discards nothing */
+    ck_assert_uint_eq(drain(&r, 0, 1), size);
+    ck_assert_int_eq(mni_spill_name(&s, at, "kept", &st), MN_FAILED); /* it has that name already */
+    uint64_t sum = mni_spill_sum(&s);
+    mni_spill_close(&s);
+    ck_assert_int_eq(entries(), 1);
+    return sum;
+}
+
+static void is_not(int at, uint64_t size, uint64_t sum) {
+    mni_spill s;
+    mn_status st = {0};
+    ck_assert_int_eq(mni_spill_resume(&s, folder, at, "kept", size, sum, &st), MN_BAD_INPUT);
+    ck_assert_int_eq(s.fd, -1);
+    ck_assert_ptr_nonnull(strstr(st.text, "kept"));
+}
+
+static void keep_and_resume(void) {
+    enum { SIZE = 3 << 20 };
+    static unsigned char buffer[65536];
+    int at = open(folder, O_RDONLY | O_DIRECTORY);
+    uint64_t sum = keep_one(at, SIZE);
+    mni_spill s;
+    mni_spill_reader r;
+    mn_status st = {0};
+    ck_assert_msg(mni_spill_resume(&s, folder, at, "kept", SIZE, sum, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(s.size_bytes, SIZE);
+    ck_assert_uint_eq(s.bytes_read, SIZE); /* the check */
+    ck_assert_uint_eq(mni_spill_sum(&s), sum);
+    mni_spill_reader_open(&r, &s, 0, SIZE, buffer, sizeof buffer, true);
+    ck_assert_uint_eq(drain(&r, 0, 1), SIZE);
+    ck_assert_int_eq(mni_spill_name(&s, at, "again", &st), MN_OK); /* in the next phase's, too */
+    mni_spill_close(&s);
+    unlinkat(at, "again", 0);
+
+    is_not(at, SIZE - 1, sum);
+    is_not(at, SIZE, sum + 1);
+    int fd = openat(at, "kept", O_RDWR);
+    ck_assert_int_eq(pwrite(fd, "!", 1, SIZE / 2), 1);
+    close(fd);
+    is_not(at, SIZE, sum);
+    unlinkat(at, "kept", 0);
+    is_not(at, SIZE, sum);
+    ck_assert_int_eq(mkdirat(at, "kept", 0700), 0);
+    is_not(at, SIZE, sum);
+    unlinkat(at, "kept", AT_REMOVEDIR);
+    sum = keep_one(at, 0); /* an empty one */
+    ck_assert_int_eq(mni_spill_resume(&s, folder, at, "kept", 0, sum, &st), MN_OK);
+    mni_spill_close(&s);
+    unlinkat(at, "kept", 0);
+    close(at);
+}
+
+START_TEST(kept_under_a_name) {
+    keep_and_resume();
+}
+END_TEST
+
+START_TEST(kept_as_a_copy) {
+    if (!refuse_call(SYS_openat, 2, O_TMPFILE, O_TMPFILE, EOPNOTSUPP)) {
+        printf("skipped: no filters on system calls here\n");
+        return;
+    }
+    keep_and_resume();
+}
+END_TEST
+
 /* ---- failures ------------------------------------------------------------------------------ */
 
 /* The class and a word of what went wrong; the folder is named. */
@@ -243,6 +324,8 @@ int main(void) {
     tcase_add_test(tc, what_is_written_comes_back);
     tcase_add_test(tc, many_readers_and_a_writer);
     tcase_add_test(tc, room_is_given_back);
+    tcase_add_test(tc, kept_under_a_name);
+    tcase_add_test(tc, kept_as_a_copy);
     tcase_add_test(tc, full_disks);
     tcase_add_test(tc, files_cut_and_unreadable);
     tcase_add_test(tc, no_folder);
