@@ -193,12 +193,16 @@ typedef struct mn_block_desc {
     mn_blocking blocking; /* default packed */
     uint32_t l;           /* levels only; 0: 5; 1 … 16 */
     uint32_t block_bytes; /* packed only; 0: 8192; a multiple of 4096 in 4096 … 1 MiB */
+    uint64_t ram_bytes;   /* of a tree on disk: what the process may take; 0: 64 MiB. Decides how
+                             often the tree is read, never what is written */
+    uint32_t threads;     /* 0: 1; of more than 2, 2 are used. The same bytes for any */
     mn_progress progress;
     void *progress_context;
 } mn_block_desc;
 
 typedef struct mn_block_counts {
     double seconds_block;
+    uint64_t bytes_read; /* of the tree, where it is on disk */
     uint64_t bytes_written;
 } mn_block_counts;
 

@@ -301,7 +301,8 @@ mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_des
     if (code == MN_OK)
         code = write_file(&w, path, st);
     if (code == MN_OK && counts != NULL)
-        *counts = (mn_block_counts){now_s() - started_s, w.header->file_bytes};
+        *counts = (mn_block_counts){.seconds_block = now_s() - started_s,
+                                    .bytes_written = w.header->file_bytes};
     free(w.bytes);
     free(w.order);
     mni_plan_close(&w.plan);

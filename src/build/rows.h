@@ -10,11 +10,13 @@
  *
  * So who works on a part of the model reads a part of the files. Nodes are called by their rows.
  *
- * Rows lie in memory, or in files of which so many pages are kept. One thread; calls on files
- * block, and what they cannot read is told by mni_rows_trouble. Paper: §3.2. */
+ * Rows lie in memory, or in files of which so many pages are kept. Any number of threads may read;
+ * calls on files block, and what they cannot read is told by mni_rows_trouble. Nothing read is to
+ * be trusted before it was checked. Paper: §3.2. */
 #ifndef MNI_ROWS_H
 #define MNI_ROWS_H
 
+#include "lock.h"
 #include "metanode/build.h"
 
 typedef struct mni_row {
@@ -34,5 +36,73 @@ _Static_assert(sizeof(mni_row) == 52, "no padding: rows are written as they are"
 typedef struct mni_row_simplex {
     uint32_t corner[3];
 } mni_row_simplex;
+
+/* Where the rows and simplices of a tree are: in memory, or from those offsets of files on. The
+ * owner's, and must outlive what is opened on it. */
+typedef struct mni_rows_source {
+    uint32_t rows, simplices;
+    bool has_colors;
+    const mni_row *row; /* NULL: in files */
+    const mni_row_simplex *simplex;
+    int row_fd, simplex_fd;
+    uint64_t row_offset, simplex_offset;
+    const char *name; /* of the file, for messages; NULL: it has none */
+} mni_rows_source;
+
+typedef struct mni_rows_slot {
+    uint64_t page; /* its kind and number */
+    uint32_t next; /* slot of the same bucket */
+    bool recent;
+} mni_rows_slot;
+
+typedef struct mni_rows {
+    mni_rows_source source; /* const after open */
+    uint32_t slots, buckets;
+    mni_lock lock;
+    /* guarded by lock */
+    mni_rows_slot *slot;
+    unsigned char *bytes; /* of the slots' pages */
+    uint32_t *bucket;
+    uint32_t used, hand; /* slots filled so far; where the clock stands */
+    uint64_t bytes_read;
+    mn_status trouble; /* the first */
+} mni_rows;
+
+/* cache_bytes: of pages that are kept of files, their table included; too little is raised to the
+ * least that works. MN_FAILED: no memory. */
+mn_code mni_rows_open(mni_rows *rows, const mni_rows_source *source, uint64_t cache_bytes,
+                      mn_status *st);
+void mni_rows_close(mni_rows *rows); /* harmless on a zeroed one */
+/* The first read that failed. */
+mn_code mni_rows_trouble(mni_rows *rows, mn_status *st);
+
+/* Row `at` and where its simplices end. false: not to be read. */
+bool mni_rows_get(mni_rows *rows, uint32_t at, mni_row *row, uint32_t *simplex_end);
+/* Simplices [first, first + count), in memory or copied to room. NULL: not to be read, or there
+ * are none such. */
+const mni_row_simplex *mni_rows_simplices(mni_rows *rows, uint32_t first, uint32_t count,
+                                          mni_row_simplex *room);
+
+/* A run of rows and its simplices. Zeroed before its first use; filled again, it keeps its
+ * memory. */
+typedef struct mni_rows_run {
+    uint32_t first, end; /* rows */
+    uint32_t simplex_first, simplex_end;
+    const mni_row *row; /* [0] is row `first` */
+    const mni_row_simplex *simplex;
+    mni_row *row_room; /* own memory, for files */
+    mni_row_simplex *simplex_room;
+    uint32_t row_capacity, simplex_capacity;
+} mni_rows_run;
+/* Rows [first, end), their simplices where these are at most simplices_max and begin before they
+ * end: otherwise simplex is NULL. false: not to be read, or no memory. */
+bool mni_rows_fill_run(mni_rows *rows, uint32_t first, uint32_t end, uint32_t simplices_max,
+                       mni_rows_run *run);
+void mni_rows_run_free(mni_rows_run *run);
+
+/* The tree's rows in memory; the caller frees them. MN_BAD_INPUT: nodes that cannot be in rows;
+ * nothing else is checked. */
+mn_code mni_rows_of_tree(const mn_tree *tree, mni_row **row, mni_row_simplex **simplex,
+                         mn_status *st);
 
 #endif

@@ -1,0 +1,353 @@
+/* Rows of a tree, in memory or through a cache of pages.
+ *
+ * Hides: pages. A page is ROWS_PAGE rows or SIMPLICES_PAGE simplices, so that none lies across two;
+ * both kinds share the slots, and a clock gives up the first page that has not been asked for since
+ * it last came by. Pages are small: what is read of the upper parts of a tree lies far apart, a row
+ * here and there.
+ *
+ *     slot   0   1   2   3  …            bucket of a page ──► slot ──► slot (mni_rows_slot.next)
+ *           └ recent? keep it once more ─┘ hand ──►
+ *
+ * Order: open, any reads, close. Any thread: pages are copied from under the lock, reads of the
+ * disk included, for they are rare. Memory: cache_bytes. */
+#include "rows.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "assert.h"
+
+enum {
+    ROWS_PAGE = 64,
+    SIMPLICES_PAGE = 256,
+    PAGE_BYTES = ROWS_PAGE * sizeof(mni_row), /* a slot's */
+    SLOTS_LEAST = 16,
+    SLOTS_MOST = 1 << 24,
+};
+_Static_assert(SIMPLICES_PAGE * sizeof(mni_row_simplex) <= PAGE_BYTES, "either kind fits a slot");
+
+typedef enum page_kind { PAGE_OF_ROWS = 0, PAGE_OF_SIMPLICES } page_kind;
+
+/* ---- open and close ------------------------------------------------------------------------- */
+
+mn_code mni_rows_open(mni_rows *rows, const mni_rows_source *source, uint64_t cache_bytes,
+                      mn_status *st) {
+    *rows = (mni_rows){.source = *source};
+    if (source->row != NULL)
+        return MN_OK;
+    /* a bucket a slot, or up to two */
+    uint64_t slots = cache_bytes / (PAGE_BYTES + sizeof *rows->slot + 2 * sizeof *rows->bucket);
+    uint64_t pages = (uint64_t)source->rows / ROWS_PAGE + source->simplices / SIMPLICES_PAGE + 2;
+    slots = slots > pages ? pages : slots;
+    slots = slots < SLOTS_LEAST ? SLOTS_LEAST : slots > SLOTS_MOST ? SLOTS_MOST : slots;
+    rows->slots = (uint32_t)slots;
+    rows->buckets = 2;
+    while (rows->buckets < rows->slots)
+        rows->buckets *= 2;
+    rows->slot = malloc(sizeof *rows->slot * rows->slots);
+    rows->bytes = malloc((size_t)PAGE_BYTES * rows->slots);
+    rows->bucket = malloc(sizeof *rows->bucket * rows->buckets);
+    mni_lock_open(&rows->lock);
+    if (rows->slot == NULL || rows->bytes == NULL || rows->bucket == NULL) {
+        mni_rows_close(rows);
+        return mn_fail(st, MN_FAILED, "no memory to keep %llu bytes of a tree",
+                       (unsigned long long)(slots * PAGE_BYTES));
+    }
+    memset(rows->bucket, 0xff, sizeof *rows->bucket * rows->buckets);
+    return MN_OK;
+}
+
+void mni_rows_close(mni_rows *rows) {
+    if (rows->buckets > 0)
+        mni_lock_close(&rows->lock);
+    free(rows->slot);
+    free(rows->bytes);
+    free(rows->bucket);
+    memset(rows, 0, sizeof *rows);
+}
+
+mn_code mni_rows_trouble(mni_rows *rows, mn_status *st) {
+    if (rows->buckets == 0)
+        return MN_OK;
+    mni_lock_take(&rows->lock);
+    mn_status trouble = rows->trouble;
+    mni_lock_give(&rows->lock);
+    return trouble.code == MN_OK ? MN_OK : mn_fail(st, trouble.code, "%s", trouble.text);
+}
+
+/* ---- pages: under the lock ------------------------------------------------------------------- */
+
+static bool read_page(mni_rows *rows, page_kind kind, uint32_t page, unsigned char *to) {
+    const mni_rows_source *s = &rows->source;
+    bool of_rows = kind == PAGE_OF_ROWS;
+    uint64_t each = of_rows ? ROWS_PAGE : SIMPLICES_PAGE, all = of_rows ? s->rows : s->simplices;
+    size_t size = of_rows ? sizeof(mni_row) : sizeof(mni_row_simplex);
+    uint64_t first = page * each, count = all - first < each ? all - first : each;
+    uint64_t offset = (of_rows ? s->row_offset : s->simplex_offset) + first * size;
+    size_t wanted = (size_t)count * size;
+    MN_ASSERT(first < all);
+    while (wanted > 0) {
+        ssize_t got = pread(of_rows ? s->row_fd : s->simplex_fd, to, wanted, (off_t)offset);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got <= 0) {
+            mn_fail(&rows->trouble, MN_FAILED, "%s: cannot read the tree at byte %llu: %s",
+                    s->name != NULL ? s->name : "temporary file", (unsigned long long)offset,
+                    got < 0 ? strerror(errno) : "the file ends there");
+            return false;
+        }
+        to += got;
+        offset += (uint64_t)got;
+        wanted -= (size_t)got;
+        rows->bytes_read += (uint64_t)got;
+    }
+    return true;
+}
+
+static uint32_t *bucket_of(mni_rows *rows, uint64_t page) {
+    return &rows->bucket[(page * UINT64_C(0x9e3779b97f4a7c15) >> 32) & (rows->buckets - 1)];
+}
+
+static void unlink_slot(mni_rows *rows, uint32_t at) {
+    uint32_t *link = bucket_of(rows, rows->slot[at].page);
+    while (*link != at) {
+        MN_ASSERT(*link != MN_NONE);
+        link = &rows->slot[*link].next;
+    }
+    *link = rows->slot[at].next;
+}
+
+/* A slot for another page; in no bucket. */
+static uint32_t free_slot(mni_rows *rows) {
+    if (rows->used < rows->slots)
+        return rows->used++;
+    for (;; rows->hand = (rows->hand + 1) % rows->slots) {
+        mni_rows_slot *s = &rows->slot[rows->hand];
+        if (!s->recent)
+            break;
+        s->recent = false;
+    }
+    uint32_t at = rows->hand;
+    rows->hand = (rows->hand + 1) % rows->slots;
+    unlink_slot(rows, at);
+    return at;
+}
+
+/* Its bytes stay until the lock is given back or another page is asked for. NULL: trouble. */
+static const unsigned char *page_at(mni_rows *rows, page_kind kind, uint32_t number) {
+    uint64_t page = (uint64_t)kind << 32 | number;
+    uint32_t *bucket = bucket_of(rows, page);
+    for (uint32_t at = *bucket; at != MN_NONE; at = rows->slot[at].next)
+        if (rows->slot[at].page == page) {
+            rows->slot[at].recent = true;
+            return rows->bytes + (size_t)at * PAGE_BYTES;
+        }
+    if (rows->trouble.code != MN_OK)
+        return NULL;
+    uint32_t at = free_slot(rows);
+    unsigned char *bytes = rows->bytes + (size_t)at * PAGE_BYTES;
+    /* a page that could not be read is nobody's, and there will be no other */
+    bool done = read_page(rows, kind, number, bytes);
+    rows->slot[at] = (mni_rows_slot){done ? page : UINT64_MAX, MN_NONE, true};
+    bucket = bucket_of(rows, rows->slot[at].page);
+    rows->slot[at].next = *bucket;
+    *bucket = at;
+    return done ? bytes : NULL;
+}
+
+/* Copies items [first, end) of a kind. */
+static bool copy(mni_rows *rows, page_kind kind, uint32_t first, uint32_t end, void *out) {
+    uint32_t each = kind == PAGE_OF_ROWS ? ROWS_PAGE : SIMPLICES_PAGE;
+    size_t size = kind == PAGE_OF_ROWS ? sizeof(mni_row) : sizeof(mni_row_simplex);
+    unsigned char *to = out;
+    for (uint32_t at = first; at < end;) {
+        uint32_t here = each - at % each;
+        if (here > end - at)
+            here = end - at;
+        const unsigned char *page = page_at(rows, kind, at / each);
+        if (page == NULL)
+            return false;
+        memcpy(to, page + at % each * size, here * size);
+        to += here * size;
+        at += here;
+    }
+    return true;
+}
+
+/* Where the simplices of the rows before `end` end. */
+static bool simplices_end(mni_rows *rows, uint32_t end, uint32_t *simplex_end) {
+    *simplex_end = rows->source.simplices;
+    if (end == rows->source.rows)
+        return true;
+    const unsigned char *page = page_at(rows, PAGE_OF_ROWS, end / ROWS_PAGE);
+    if (page == NULL)
+        return false;
+    const mni_row *row = (const mni_row *)(const void *)page + end % ROWS_PAGE;
+    *simplex_end = row->simplex_start;
+    return true;
+}
+
+/* ---- what callers see ----------------------------------------------------------------------- */
+
+bool mni_rows_get(mni_rows *rows, uint32_t at, mni_row *row, uint32_t *simplex_end) {
+    const mni_rows_source *s = &rows->source;
+    MN_ASSERT(at < s->rows);
+    if (s->row != NULL) {
+        *row = s->row[at];
+        *simplex_end = at + 1 < s->rows ? s->row[at + 1].simplex_start : s->simplices;
+        return true;
+    }
+    mni_lock_take(&rows->lock);
+    bool done =
+        copy(rows, PAGE_OF_ROWS, at, at + 1, row) && simplices_end(rows, at + 1, simplex_end);
+    mni_lock_give(&rows->lock);
+    return done;
+}
+
+const mni_row_simplex *mni_rows_simplices(mni_rows *rows, uint32_t first, uint32_t count,
+                                          mni_row_simplex *room) {
+    const mni_rows_source *s = &rows->source;
+    if (first > s->simplices || count > s->simplices - first)
+        return NULL;
+    if (s->row != NULL)
+        return s->simplex + first;
+    mni_lock_take(&rows->lock);
+    bool done = copy(rows, PAGE_OF_SIMPLICES, first, first + count, room);
+    mni_lock_give(&rows->lock);
+    return done ? room : NULL;
+}
+
+static bool room_for(void **room, uint32_t needed, uint32_t *capacity, size_t size) {
+    if (needed <= *capacity && *room != NULL)
+        return true;
+    free(*room);
+    *capacity = needed + needed / 4 + 16;
+    *room = malloc(*capacity * size);
+    if (*room == NULL)
+        *capacity = 0;
+    return *room != NULL;
+}
+
+static bool copy_run(mni_rows *rows, mni_rows_run *run, uint32_t simplices_max) {
+    uint32_t count = run->end - run->first;
+    if (!room_for((void **)&run->row_room, count, &run->row_capacity, sizeof *run->row_room) ||
+        !copy(rows, PAGE_OF_ROWS, run->first, run->end, run->row_room) ||
+        !simplices_end(rows, run->end, &run->simplex_end))
+        return false;
+    run->row = run->row_room;
+    run->simplex_first = run->row[0].simplex_start;
+    count = run->simplex_end - run->simplex_first;
+    if (run->simplex_end > rows->source.simplices || run->simplex_first > run->simplex_end ||
+        count > simplices_max)
+        return true;
+    if (!room_for((void **)&run->simplex_room, count, &run->simplex_capacity,
+                  sizeof *run->simplex_room) ||
+        !copy(rows, PAGE_OF_SIMPLICES, run->simplex_first, run->simplex_end, run->simplex_room))
+        return false;
+    run->simplex = run->simplex_room;
+    return true;
+}
+
+bool mni_rows_fill_run(mni_rows *rows, uint32_t first, uint32_t end, uint32_t simplices_max,
+                       mni_rows_run *run) {
+    const mni_rows_source *s = &rows->source;
+    MN_ASSERT(first < end && end <= s->rows);
+    run->first = first;
+    run->end = end;
+    run->simplex = NULL;
+    if (s->row != NULL) {
+        run->row = s->row + first;
+        run->simplex_first = run->row[0].simplex_start;
+        run->simplex_end = end < s->rows ? s->row[end].simplex_start : s->simplices;
+        if (run->simplex_end <= s->simplices && run->simplex_first <= run->simplex_end &&
+            run->simplex_end - run->simplex_first <= simplices_max)
+            run->simplex = s->simplex + run->simplex_first;
+        return true;
+    }
+    mni_lock_take(&rows->lock);
+    bool done = copy_run(rows, run, simplices_max);
+    if (!done && rows->trouble.code == MN_OK)
+        mn_fail(&rows->trouble, MN_FAILED, "no memory for %u rows of a tree", end - first);
+    mni_lock_give(&rows->lock);
+    return done;
+}
+
+void mni_rows_run_free(mni_rows_run *run) {
+    free(run->row_room);
+    free(run->simplex_room);
+    memset(run, 0, sizeof *run);
+}
+
+/* ---- from a tree in memory ------------------------------------------------------------------ */
+
+/* A child's row; a leaf has none. false: it is not what begins there. */
+static bool child_row(const mn_tree *t, uint32_t child, uint32_t leaf, uint32_t *row) {
+    *row = MN_NONE;
+    if (child < t->leaves)
+        return child == leaf;
+    if (child - t->leaves >= t->inner)
+        return false;
+    *row = t->leaf_mid[child - t->leaves];
+    return true;
+}
+
+static mn_code fill_rows(const mn_tree *t, mni_row *row, mn_status *st) {
+    for (uint32_t leaf = 0; leaf < t->leaves; leaf++) {
+        row[leaf] = (mni_row){.rgba = t->leaf_color != NULL ? t->leaf_color[leaf] : UINT32_MAX,
+                              .left = MN_NONE,
+                              .right = MN_NONE};
+        memcpy(row[leaf].position, t->leaf_position + 3 * (size_t)leaf, sizeof row->position);
+    }
+    for (uint32_t i = 0; i < t->inner; i++) {
+        uint32_t mid = t->leaf_mid[i];
+        mni_row *r = mid < t->leaves ? &row[mid] : NULL;
+        if (r == NULL || r->order != 0 || t->simplex_start[i + 1] < t->simplex_start[i] ||
+            t->simplex_start[i + 1] > t->simplices ||
+            !child_row(t, t->left[i], t->leaf_lo[i], &r->left) ||
+            !child_row(t, t->right[i], mid, &r->right))
+            return mn_fail(st, MN_BAD_INPUT,
+                           "node %u: leaves [%u, %u, %u) and its children do not go together",
+                           t->leaves + i, t->leaf_lo[i], mid, t->leaf_hi[i]);
+        r->order = t->leaves + i;
+        r->leaf_lo = t->leaf_lo[i];
+        r->leaf_hi = t->leaf_hi[i];
+        r->switch_value = t->switch_value[i];
+        r->radius = t->radius[i];
+        r->cone = t->cone[i];
+    }
+    return MN_OK;
+}
+
+mn_code mni_rows_of_tree(const mn_tree *t, mni_row **row, mni_row_simplex **simplex,
+                         mn_status *st) {
+    *row = malloc(sizeof **row * ((size_t)t->leaves + 1));
+    *simplex = malloc(sizeof **simplex * ((size_t)t->simplices + 1));
+    mn_code code = *row != NULL && *simplex != NULL
+                       ? fill_rows(t, *row, st)
+                       : mn_fail(st, MN_FAILED, "no memory for %u rows of a tree", t->leaves);
+    uint64_t at = 0;
+    for (uint32_t leaf = 0; leaf < t->leaves && code == MN_OK; leaf++) {
+        mni_row *r = *row + leaf;
+        r->simplex_start = (uint32_t)at;
+        uint32_t i = r->order - t->leaves;
+        uint32_t count = r->order == 0 ? 0 : t->simplex_start[i + 1] - t->simplex_start[i];
+        if (count > t->simplices - at)
+            code = mn_fail(st, MN_BAD_INPUT, "node %u: its simplices are another's too", r->order);
+        else if (count > 0)
+            memcpy(*simplex + at, t->corner + 3 * (size_t)t->simplex_start[i],
+                   count * sizeof **simplex);
+        at += count;
+    }
+    if (code == MN_OK && at != t->simplices)
+        code = mn_fail(st, MN_BAD_INPUT, "nodes have %llu of %u simplices", (unsigned long long)at,
+                       t->simplices);
+    if (code != MN_OK) {
+        free(*row);
+        free(*simplex);
+        *row = NULL;
+        *simplex = NULL;
+    }
+    return code;
+}
