@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "host.h"
+
 static const char *const metric_names[] = {"qem", "length", NULL};      /* by mn_metric */
 static const char *const blocking_names[] = {"packed", "levels", NULL}; /* by mn_blocking */
 static const char *const weld_names[] = {"on", "off", NULL};            /* by mn_weld */
@@ -148,7 +150,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
     if (cli_output(b->command, b->out, b->in) != MN_OK)
         return MN_USAGE;
     if (b->ram_bytes == 0)
-        b->ram_bytes = cli_default_ram_bytes();
+        b->ram_bytes = host_default_ram_bytes();
     cli_interrupts_catch();
     return MN_OK;
 }
@@ -172,7 +174,7 @@ mn_code build_simplify(build_steps *b) {
     mn_mesh mesh;
     choose_temp_dir(b);
     if (b->simplify.threads == 0)
-        b->simplify.threads = 2;
+        b->simplify.threads = host_cpus("");
     b->read.ram_bytes = b->simplify.ram_bytes = b->ram_bytes;
     b->read.then_need_bytes = mn_simplify_need_bytes;
     b->read.progress = b->simplify.progress = cli_progress;

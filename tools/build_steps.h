@@ -9,7 +9,7 @@
 typedef struct build_steps {
     /* options */
     const char *command, *in, *out;
-    uint64_t ram_bytes; /* 0: cli_default_ram_bytes */
+    uint64_t ram_bytes; /* 0: host_default_ram_bytes */
     mn_read_desc read;
     uint32_t position_bits; /* 0: default */
     mn_simplify_desc simplify;

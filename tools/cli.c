@@ -11,7 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <sys/sysinfo.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -265,27 +264,4 @@ uint64_t cli_rss_peak_bytes(void) {
     text[n > 0 ? n : 0] = 0;
     const char *at = strstr(text, "VmHWM:");
     return at != NULL ? strtoull(at + 6, NULL, 10) * 1024 : 0;
-}
-
-static uint64_t cgroup_limit_bytes(void) {
-    static const char *const places[] = {"/sys/fs/cgroup/memory.max",
-                                         "/sys/fs/cgroup/memory/memory.limit_in_bytes"};
-    uint64_t limit = UINT64_MAX;
-    for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
-        FILE *f = fopen(places[i], "re");
-        unsigned long long v;
-        if (f == NULL)
-            continue;
-        if (fscanf(f, "%llu", &v) == 1 && v < limit)
-            limit = v;
-        fclose(f);
-    }
-    return limit;
-}
-
-uint64_t cli_default_ram_bytes(void) {
-    struct sysinfo info;
-    uint64_t total = sysinfo(&info) == 0 ? (uint64_t)info.totalram * info.mem_unit : 1u << 30;
-    uint64_t limit = cgroup_limit_bytes();
-    return (limit < total ? limit : total) / 2;
 }

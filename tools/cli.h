@@ -103,8 +103,6 @@ uint64_t cli_file_bytes(const char *path); /* 0: cannot be asked */
 
 /* Peak resident set of this process, bytes. */
 uint64_t cli_rss_peak_bytes(void);
-/* Half of physical memory, or of the cgroup's limit when that is lower. */
-uint64_t cli_default_ram_bytes(void);
 
 /* malloc and its kin, counted (alloc_count.c): how many calls since the last cli_alloc_mark by the
  * whole process, its libraries included. 0 always under a sanitizer, whose malloc is its own. */

@@ -6,7 +6,8 @@ static const char help[] =
     "Simplifies a mesh (PLY, STL, OBJ, OFF, or .om) down to one vertex and writes the tree of its\n"
     "collapses in blocks, ready for replay, shoot and view.\n\n"
     "  -o FILE               the .mnt; what stood there stays until the new one is whole\n"
-    "  --ram SIZE            cap for the whole process; default: half of the memory\n"
+    "  --ram SIZE            cap for the whole process; default: half of the memory, or of\n"
+    "                        what the cgroup allows\n"
     "  --metric qem|length   what a collapse costs: quadric error (default) or edge length\n"
     "  --blocking packed|levels   blocks of fixed bytes, filled (default), or of L levels\n"
     "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 8K\n"
@@ -15,7 +16,8 @@ static const char help[] =
     "  --weld on|off         vertices at equal positions become one (default), or not\n"
     "  --reader own|openmesh\n"
     "  -j N                  threads of a simplification in rounds, which is what is done when\n"
-    "                        --ram is too little for all at once (default 2)\n"
+    "                        --ram is too little for all at once; default: as many as\n"
+    "                        processors are allowed\n"
     "  --temp-dir DIR        where it keeps its files (default: beside the output)\n"
     "  --json                figures as one JSON object\n";
 

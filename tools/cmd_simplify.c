@@ -6,13 +6,15 @@ static const char help[] =
     "The first half of build: the tree of collapses, to be cut by metanode block, in one way or\n"
     "another, without simplifying again.\n\n"
     "  -o FILE               the .vdt; what stood there stays until the new one is whole\n"
-    "  --ram SIZE            cap for the whole process; default: half of the memory\n"
+    "  --ram SIZE            cap for the whole process; default: half of the memory, or of\n"
+    "                        what the cgroup allows\n"
     "  --metric qem|length   what a collapse costs: quadric error (default) or edge length\n"
     "  --position-bits N     the longest side has at most 2^N steps: 8 … 23, default 16\n"
     "  --weld on|off         vertices at equal positions become one (default), or not\n"
     "  --reader own|openmesh\n"
     "  -j N                  threads of a simplification in rounds, which is what is done when\n"
-    "                        --ram is too little for all at once (default 2)\n"
+    "                        --ram is too little for all at once; default: as many as\n"
+    "                        processors are allowed\n"
     "  --temp-dir DIR        where it keeps its files (default: beside the output)\n"
     "  --json                figures as one JSON object\n";
 

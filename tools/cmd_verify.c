@@ -4,6 +4,7 @@
 
 #include <stdio.h>
 
+#include "host.h"
 #include "json.h"
 #include "metanode/build.h"
 
@@ -96,7 +97,7 @@ int cmd_verify(int argc, char **argv) {
     const char *file = argv[optind];
     cli_meter meter = {0};
     mn_read_desc desc = {.reader = (mn_reader)reader,
-                         .ram_bytes = cli_default_ram_bytes(),
+                         .ram_bytes = host_default_ram_bytes(),
                          .progress = cli_progress,
                          .progress_context = &meter};
     mn_verify_result result;
