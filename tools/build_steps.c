@@ -149,6 +149,8 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
     b->in = argv[optind];
     if (cli_output(b->command, b->out, b->in) != MN_OK)
         return MN_USAGE;
+    if (cli_output_possible(b->out) != MN_OK)
+        return MN_FAILED;
     if (b->ram_bytes == 0)
         b->ram_bytes = host_default_ram_bytes();
     cli_interrupts_catch();

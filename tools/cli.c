@@ -1,9 +1,11 @@
 /* See cli.h. */
+#define _GNU_SOURCE /* sigabbrev_np */
 #include "cli.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <float.h>
+#include <libgen.h>
 #include <math.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -24,8 +26,13 @@ int cli_error(mn_code code, const char *format, ...) {
     return (int)code;
 }
 
+static volatile sig_atomic_t interrupted; /* by which signal; 0: by none */
+
 int cli_status(const mn_status *st) {
-    if (st->code != MN_OK)
+    if (st->code == MN_FAILED && strcmp(st->text, "interrupted") == 0 && interrupted != 0)
+        cli_error(st->code, "interrupted by SIG%s; what stood there before stands yet",
+                  sigabbrev_np(interrupted));
+    else if (st->code != MN_OK)
         cli_error(st->code, "%s", st->text);
     return (int)st->code;
 }
@@ -172,11 +179,8 @@ static double now_s(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static volatile sig_atomic_t interrupted;
-
 static void interrupt(int signal_number) {
-    (void)signal_number;
-    interrupted = 1;
+    interrupted = signal_number;
 }
 
 void cli_interrupts_catch(void) {
@@ -211,9 +215,36 @@ mn_code cli_written_all(FILE *file, const char *what, const char *path, mn_statu
     return code;
 }
 
+mn_code cli_output_possible(const char *out) {
+    struct stat about;
+    const bool exists = stat(out, &about) == 0;
+    if (exists && !S_ISREG(about.st_mode))
+        return (mn_code)cli_error(MN_FAILED, "%s: not a regular file; name another output", out);
+    char *path = exists ? realpath(out, NULL) : strdup(out); /* a link is followed */
+    const bool possible = path != NULL && access(dirname(path), W_OK | X_OK) == 0;
+    free(path);
+    if (possible)
+        return MN_OK;
+    return (mn_code)cli_error(MN_FAILED,
+                              "%s: cannot create: %s; name a directory that is there, and can be "
+                              "written",
+                              out, strerror(errno));
+}
+
 uint64_t cli_file_bytes(const char *path) {
     struct stat about;
     return stat(path, &about) == 0 ? (uint64_t)about.st_size : 0;
+}
+
+static uint64_t rss_bytes(void) {
+    char text[128];
+    int fd = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
+    ssize_t n = fd >= 0 ? read(fd, text, sizeof text - 1) : -1;
+    unsigned long long pages = 0;
+    if (fd >= 0)
+        close(fd);
+    text[n > 0 ? n : 0] = 0;
+    return sscanf(text, "%*u %llu", &pages) == 1 ? pages * (uint64_t)sysconf(_SC_PAGESIZE) : 0;
 }
 
 bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t total) {
@@ -242,7 +273,7 @@ bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t tota
         fprintf(stderr, "  %.0f/s", rate);
     if (rate > 0 && total > 0)
         fprintf(stderr, "  %.0f s left", total > done ? (double)(total - done) / rate : 0);
-    fputs(" \033[K", stderr);
+    fprintf(stderr, "  %.1f MB \033[K", (double)rss_bytes() / 1048576);
     return true;
 }
 

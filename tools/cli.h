@@ -79,8 +79,8 @@ bool cli_double(const char *text, double min, double max, double *value);
 /* Which of names[] (NULL at the end) text is; -1: none. */
 int cli_choice(const char *text, const char *const *names);
 
-/* An mn_progress for a terminal: percent, rate, time left on standard error; silent when that is
- * no terminal. Context: a zeroed cli_meter. */
+/* An mn_progress for a terminal: percent, rate, time left and memory on standard error; silent when
+ * that is no terminal. Context: a zeroed cli_meter. */
 typedef struct cli_meter {
     double started_s, shown_s;
     const char *phase;
@@ -95,6 +95,8 @@ void cli_interrupts_catch(void);
 /* MN_USAGE, and said, where the output is the input: by whatever name, or link. Either may be NULL.
  */
 mn_code cli_output(const char *command, const char *out, const char *in);
+/* MN_FAILED, and said, where the output could not be made: before an hour of work, not after. */
+mn_code cli_output_possible(const char *out);
 /* Right after something was written to the file: MN_OK, or what went wrong. what: the option. */
 mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *st);
 /* The same of what is still buffered; and closes it. */

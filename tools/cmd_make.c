@@ -92,6 +92,7 @@ static int make_shape(int argc, char **argv, const mn_make_desc *desc_in, const 
     desc.progress_context = &meter;
     if (check_shape(&desc, out) != MN_OK)
         return MN_USAGE;
+    cli_interrupts_catch();
     mn_make(out, &desc, &st);
     cli_progress_end(&meter);
     return cli_status(&st);

@@ -158,7 +158,12 @@ interrupted() {
         skip "$name: it was done before the signal came"
         return
     fi
-    check "$name: exit $code" test "$code" -eq 1 -o "$code" -gt 128
+    if [[ $signal == KILL ]]; then
+        check "$name: exit $code" test "$code" -eq 137
+    else
+        check "$name: exit $code" test "$code" -eq 1
+        one_line "$name" "interrupted by SIG$signal"
+    fi
     still "$name" work/out
 }
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Goal: long work says on a terminal how far it is, how fast, and how long yet, for each of its phases, and
-# leaves the line clean; in a pipe it says nothing.
+# Goal: long work says on a terminal how far it is, how fast, how long yet, and in how much memory, for each
+# of its phases, and leaves the line clean; in a pipe it says nothing.
 # Method: the same commands with a terminal of script(1) for standard error, and without.
 # e2e_terminal.sh [BUILD]
 source "$(dirname "$0")/e2e_lib.sh"
@@ -11,7 +11,7 @@ if ! script -qec true /dev/null >/dev/null 2>&1 </dev/null; then
     finish
 fi
 
-# phases NAME PHASE… -- ARGUMENT…: each phase shows, in that order. All three figures stand there from the
+# phases NAME PHASE… -- ARGUMENT…: each phase shows, in that order. All four figures stand there from the
 # second time on that a phase shows: every 0.2 s.
 phases() {
     local name=$1 wanted=() shown
@@ -28,7 +28,7 @@ phases() {
     shown=$(awk '{print $1}' lines | uniq | paste -sd' ')
     check "$name: phases $shown" test "$shown" = "${wanted[*]}"
     check "$name: never more than all" test "$(awk '$2 > 100' lines | wc -l)" -eq 0
-    check "$name: rate and time left" awk '$1 == last && !/%  [0-9]+\/s  [0-9]+ s left/ {exit 1} {last = $1}' lines
+    check "$name: rate, time left, memory" awk '$1 == last && !/%  [0-9]+\/s  [0-9]+ s left  [0-9.]+ MB/ {exit 1} {last = $1}' lines
     check "$name: the line is cleaned" test "$(tail -c 4 "$out" | od -An -c | tr -d ' ')" = '\r033[K'
 }
 
