@@ -89,7 +89,6 @@ static void fill_header(writer *w) {
     const mni_plan *plan = &w->plan;
     mn_header *h = w->header;
     h->version = MNI_MNT_VERSION;
-    h->build_id = mni_tree_build_id(tree, plan->desc);
     h->triangles = tree->triangles;
     h->leaves = tree->leaves;
     h->nodes = tree->leaves + tree->inner;
@@ -296,8 +295,10 @@ mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_des
         code = place_blocks(&w, st);
     if (code == MN_OK) {
         fill_header(&w);
-        code = mni_header_check(w.header, w.header->file_bytes, path, st);
+        code = mni_tree_build_id(tree, &checked, &w.header->build_id, st);
     }
+    if (code == MN_OK)
+        code = mni_header_check(w.header, w.header->file_bytes, path, st);
     if (code == MN_OK)
         code = write_file(&w, path, st);
     if (code == MN_OK && counts != NULL)

@@ -22,7 +22,8 @@
 typedef struct mni_row {
     float position[3]; /* of the leaf */
     uint32_t rgba;     /* of the leaf; 0xffffffff in a model without colours */
-    uint32_t order;    /* order id of the inner node; 0: there is none */
+    uint32_t order;    /* order id of the inner node; 0: there is none, and what follows is 0, but
+                          for children that are MN_NONE and simplex_start */
     uint32_t leaf_lo, leaf_hi;
     uint32_t left, right; /* rows of its children; MN_NONE: a leaf */
     float switch_value, radius;
@@ -32,7 +33,8 @@ typedef struct mni_row {
 } mni_row;
 _Static_assert(sizeof(mni_row) == 52, "no padding: rows are written as they are");
 
-/* Three leaf ids, as in mn_tree.corner. */
+/* Three leaf ids in the input's cyclic order, turned so that the one outside the kill node comes
+ * last. Of a hinge, that is MN_NONE. */
 typedef struct mni_row_simplex {
     uint32_t corner[3];
 } mni_row_simplex;

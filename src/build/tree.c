@@ -1,4 +1,4 @@
-/* The view-dependence tree in memory: making, checking, hashing, freeing.
+/* The view-dependence tree in memory: making, checking, freeing.
  *
  * Hides: what makes a tree sound. mn_tree_check is asked before anything is written and after
  * anything is read. One thread a tree; memory: the tree's arrays, freed by mn_tree_free.
@@ -8,8 +8,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#define XXH_STATIC_LINKING_ONLY /* the state's size */
-#include <xxhash.h>
 
 #include "block.h"
 
@@ -295,52 +293,4 @@ void mni_tree_shape(const mn_tree *tree, mn_header *h) {
     memcpy(h->dive_point, tree->leaf_position + 3 * (size_t)top, sizeof h->dive_point);
     for (int i = 0; i < 3; i++)
         h->dive_normal[i] = length > 0 && isfinite(length) ? (float)(normal[i] / length) : i == 1;
-}
-
-/* ---- the build id --------------------------------------------------------------------------- */
-
-static void hash_corners(XXH3_state_t *state, const mn_tree *t) {
-    for (uint32_t i = 0; i < t->inner; i++)
-        for (uint32_t s = t->simplex_start[i]; s < t->simplex_start[i + 1]; s++) {
-            /* the first corner is free in a triangle: begin with the least */
-            const uint32_t *c = t->corner + 3 * (size_t)s;
-            uint32_t k = c[2] == MN_NONE ? 0
-                         : c[1] < c[0]   ? (c[2] < c[1] ? 2 : 1)
-                         : c[2] < c[0]   ? 2
-                                         : 0;
-            uint32_t turned[3] = {c[k], c[(k + 1) % 3], c[(k + 2) % 3]};
-            XXH3_64bits_update(state, turned, sizeof turned);
-        }
-}
-
-uint64_t mni_tree_build_id(const mn_tree *t, const mn_block_desc *desc) {
-    XXH3_state_t state; /* on the stack: no allocation that could fail */
-    XXH3_64bits_reset(&state);
-    bool packed = desc != NULL && desc->blocking == MN_BLOCKING_PACKED;
-    uint32_t head[10] = {t->leaves,
-                         t->inner,
-                         t->simplices,
-                         t->triangles,
-                         t->legal_last,
-                         t->metric,
-                         t->leaf_color != NULL,
-                         desc != NULL,
-                         desc != NULL ? (uint32_t)desc->blocking : 0,
-                         desc == NULL ? 0
-                         : packed     ? desc->block_bytes
-                                      : desc->l};
-    XXH3_64bits_update(&state, head, sizeof head);
-    XXH3_64bits_update(&state, t->origin, sizeof t->origin);
-    XXH3_64bits_update(&state, &t->grid_step, sizeof t->grid_step);
-    XXH3_64bits_update(&state, t->leaf_position, 3 * sizeof(float) * t->leaves);
-    if (t->leaf_color != NULL)
-        XXH3_64bits_update(&state, t->leaf_color, sizeof(uint32_t) * t->leaves);
-    XXH3_64bits_update(&state, t->left, sizeof(uint32_t) * t->inner);
-    XXH3_64bits_update(&state, t->right, sizeof(uint32_t) * t->inner);
-    XXH3_64bits_update(&state, t->switch_value, sizeof(float) * t->inner);
-    XXH3_64bits_update(&state, t->radius, sizeof(float) * t->inner);
-    XXH3_64bits_update(&state, t->cone, sizeof(mn_cone) * t->inner);
-    XXH3_64bits_update(&state, t->simplex_start, sizeof(uint32_t) * (t->inner + 1));
-    hash_corners(&state, t);
-    return XXH3_64bits_digest(&state);
 }

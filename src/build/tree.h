@@ -12,8 +12,9 @@ mn_code mni_tree_alloc(mn_tree *tree, uint32_t leaves, uint32_t roots, uint32_t 
  */
 mn_code mni_tree_derive(mn_tree *tree, mn_status *st);
 /* XXH3 of what the tree says (counts and times aside) and, unless desc is NULL, of how it is cut.
- */
-uint64_t mni_tree_build_id(const mn_tree *tree, const mn_block_desc *desc);
+ * MN_FAILED: no memory (4 bytes a leaf). */
+mn_code mni_tree_build_id(const mn_tree *tree, const mn_block_desc *desc, uint64_t *id,
+                          mn_status *st);
 /* Fills box and dive point: the highest vertex along +y (the first of several), with the
  * area-weighted normal of its triangles. */
 void mni_tree_shape(const mn_tree *tree, mn_header *header);

@@ -388,7 +388,10 @@ static mn_code compare_header(loader *l) {
                        l->path);
     mn_block_desc desc = {
         .blocking = l->header.blocking, .l = l->header.l, .block_bytes = l->header.block_bytes};
-    if (mni_tree_build_id(l->tree, &desc) != l->header.build_id)
+    mn_code code = mni_tree_build_id(l->tree, &desc, &l->found.build_id, l->st);
+    if (code != MN_OK)
+        return code;
+    if (l->found.build_id != l->header.build_id)
         return mn_fail(l->st, MN_BAD_INPUT,
                        "%s: header: build_id is not that of the content; the file is damaged",
                        l->path);

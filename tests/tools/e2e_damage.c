@@ -3,7 +3,8 @@
  *
  *   put OFFSET TYPE VALUE   u8, u16, u32, u64, f32 or f64 at a byte
  *   add OFFSET VALUE        to the u32 there, modulo 2^32
- *   seal                    the header's checksum (of a .vdt: those of its sections first)
+ *   seal                    the header's checksum (of a .vdt: those of its sections and its build
+ *                           id first)
  *   seal-block ID           a block's checksum
  *   blocks                  prints a line a block: id pages kind refs payload parent, where payload
  *                           is the byte of the file at which it begins (.mnt)
@@ -19,7 +20,7 @@
 
 #include "frame.h"
 
-enum { CHECKSUM_AT = 16, VDT_BYTES = 456, VDT_SECTIONS_AT = 240, VDT_SECTIONS = 9 };
+enum { CHECKSUM_AT = 16, VDT_BYTES = 288, VDT_SECTIONS_AT = 240, VDT_SECTIONS = 2 };
 
 typedef struct section {
     uint64_t offset, bytes, checksum;
@@ -69,6 +70,20 @@ static void put(uint64_t offset, const char *type, const char *text) {
     }
 }
 
+/* Of a .vdt whose sections have been summed. */
+static uint64_t build_id(void) {
+    static const uint64_t from[6] = {40, 44, 48, 52, 60, 68}; /* leaves … metric */
+    unsigned char said[88] = {0};
+    for (int i = 0; i < 6; i++)
+        memcpy(said + 4 * i, at(from[i], 4), 4);
+    memcpy(said + 24, at(72, 4), 4);   /* flags: colours */
+    memcpy(said + 40, at(80, 24), 24); /* origin */
+    memcpy(said + 64, at(76, 4), 4);   /* grid_step */
+    for (uint64_t i = 0; i < VDT_SECTIONS; i++)
+        memcpy(said + 72 + 8 * i, at(VDT_SECTIONS_AT + i * sizeof(section) + 16, 8), 8);
+    return XXH3_64bits(said, sizeof said);
+}
+
 static void seal(void) {
     uint64_t count = is_vdt() ? VDT_BYTES : MN_PAGE_BYTES, checksum = 0;
     for (uint64_t i = 0; is_vdt() && i < VDT_SECTIONS; i++) {
@@ -78,6 +93,10 @@ static void seal(void) {
         if (s.offset <= size && s.bytes <= size - s.offset)
             s.checksum = XXH3_64bits(bytes + s.offset, s.bytes);
         memcpy(bytes + where, &s, sizeof s);
+    }
+    if (is_vdt()) {
+        uint64_t id = build_id();
+        memcpy(at(24, sizeof id), &id, sizeof id);
     }
     memcpy(at(CHECKSUM_AT, sizeof checksum), &checksum, sizeof checksum);
     checksum = XXH3_64bits(at(0, count), count);

@@ -443,7 +443,7 @@ version 8 u32 9
 header_bytes 12 u32 4096
 checksum 16 u64 1
 build_id 24 u64 1
-file_bytes 32 u64 456
+file_bytes 32 u64 288
 leaves 40 u32 0xffffffff
 inner 44 u32 3
 simplices 48 u32 0xffffffff
@@ -453,11 +453,11 @@ legal_last 60 u32 0xffffffff
 depth_max 64 u32 1
 metric 68 u32 2
 flags 72 u32 2
-zero 76 u32 1
+grid_step 76 f32 0.3
 origin 80 f64 nan
 section_offset 240 u64 0xffffffffffff
 section_bytes 248 u64 3
-corner_bytes 440 u64 0xffffffffffffffff'
+simplices_bytes 272 u64 0xffffffffffffffff'
 
 vdt_refused() {
     local name=$1 command
@@ -468,31 +468,34 @@ vdt_refused() {
 }
 
 vdt_files() {
-    local name offset type value size at start bytes section
+    local name offset type value size at start bytes section record
     while read -r name offset type value; do
         cp tree.vdt bad.vdt
         "$damage" bad.vdt put "$offset" "$type" "$value"
         vdt_refused ".vdt, $name damaged"
-        [[ $name != checksum ]] || continue
+        [[ $name != checksum && $name != build_id ]] || continue
         "$damage" bad.vdt seal
         vdt_refused ".vdt, $name damaged, sealed"
     done <<<"$vdt_fields"
     size=$(stat -c %s tree.vdt)
-    for at in 7 8 100 455 456; do
+    for at in 7 8 100 287 288; do
         head -c "$at" tree.vdt >bad.vdt
         vdt_refused ".vdt of $at bytes"
     done
-    # cut at the end of each section; then each with a wrong word, without and with good checksums
-    for ((section = 0; section < 9; section++)); do
+    # cut at the end of a section; a record of each, word by word, without and with good checksums
+    for section in 0 1; do
         read -r start bytes < <(od -An -t u8 -j $((240 + 24 * section)) -N 16 tree.vdt)
-        [[ $bytes -gt 0 ]] || continue
         [[ $((start + bytes)) -ge $size ]] || head -c $((start + bytes)) tree.vdt >bad.vdt
         [[ $((start + bytes)) -ge $size ]] || vdt_refused ".vdt without what follows section $section"
-        cp tree.vdt bad.vdt
-        "$damage" bad.vdt put $((start + bytes / 2 / 4 * 4)) u32 0xfffffff0
-        vdt_refused ".vdt, section $section damaged"
-        "$damage" bad.vdt seal
-        vdt_refused ".vdt, section $section lies"
+        record=$([[ $section -eq 0 ]] && echo 52 || echo 12)
+        for ((at = 0; at < record; at += 4)); do
+            [[ $section,$at != 0,12 ]] || continue # a colour may be any
+            cp tree.vdt bad.vdt
+            "$damage" bad.vdt put $((start + bytes / record / 2 * record + at)) u32 0xfffffff0
+            [[ $at -gt 0 ]] || vdt_refused ".vdt, section $section damaged"
+            "$damage" bad.vdt seal
+            vdt_refused ".vdt, section $section lies at $at of a record"
+        done
     done
 }
 

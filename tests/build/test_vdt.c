@@ -1,0 +1,190 @@
+/* Goal: a .vdt says what the tree says, row by row, whatever the tree's shape.
+ * Method: trees by lot, forests, chains and single vertices written and read back; rows compared
+ * with what each node is by its definition. */
+#include <check.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "block.h"
+#include "suite.h"
+#include "tree.h"
+#include "tree_fixture.h"
+#include "vdt_header.h"
+
+static void round_trip(const mn_tree *tree) {
+    const char *path = fixture_path("round.vdt");
+    mn_status st = {0};
+    mn_tree back;
+    ck_assert_msg(mn_tree_write(path, tree, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_tree_read(path, &back, &st) == MN_OK, "%s", st.text);
+    fixture_same(tree, &back);
+    ck_assert(memcmp(&tree->intake, &back.intake, sizeof back.intake) == 0);
+    ck_assert_uint_eq(tree->counts.components, back.counts.components);
+    ck_assert_uint_eq(tree->counts.rounds, back.counts.rounds);
+    mn_tree_free(&back);
+}
+
+/* A forest by lot: so many roots, of which some are lone leaves; all in one place. */
+static void forest(uint32_t leaves, uint32_t roots, bool chain, uint64_t *state, mn_tree *t) {
+    mn_status st = {0};
+    uint32_t *node = malloc(leaves * sizeof *node);
+    ck_assert(mni_tree_alloc(t, leaves, roots, 0, false, &st) == MN_OK);
+    for (uint32_t i = 0; i < leaves; i++)
+        node[i] = i;
+    for (uint32_t left = leaves, i = 0; left > roots; left--, i++) { /* neighbours become one */
+        uint32_t at = chain ? left - 2 : fixture_random(state) % (left - 1);
+        t->left[i] = node[at];
+        t->right[i] = node[at + 1];
+        t->switch_value[i] = 2048;
+        t->cone[i].angle = MN_CONE_NO_BOUND;
+        node[at] = leaves + i;
+        memmove(node + at + 1, node + at + 2, (left - at - 2) * sizeof *node);
+    }
+    t->legal_last = leaves + t->inner - 1;
+    free(node);
+    ck_assert_msg(mni_tree_derive(t, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_tree_check(t, &st) == MN_OK, "%s", st.text);
+}
+
+START_TEST(any_shape_comes_back) {
+    uint64_t state = fixture_seed(23);
+    mn_mesh mesh;
+    mn_tree tree;
+    static const uint32_t size[][2] = {{1, 1},    {2, 2},    {2, 1},       {3, 2},     {5, 1},
+                                       {1024, 1}, {1025, 7}, {3000, 2999}, {3000, 128}};
+    for (size_t i = 0; i < sizeof size / sizeof *size; i++) {
+        forest(size[i][0], size[i][1], false, &state, &tree);
+        round_trip(&tree);
+        mn_tree_free(&tree);
+    }
+    forest(10000, 1, true, &state, &tree);
+    ck_assert_uint_eq(tree.depth_max, 10000);
+    round_trip(&tree);
+    mn_tree_free(&tree);
+    for (int kind = 0; kind < 3; kind++) {
+        if (kind < 2)
+            fixture_sheet(40, 3, kind == 1, &mesh);
+        else
+            fixture_book(700, &mesh);
+        fixture_random_tree(&mesh, fixture_random(&state), &tree);
+        round_trip(&tree);
+        mn_tree_free(&tree);
+        fixture_tree(&mesh, &tree);
+        round_trip(&tree);
+        mn_tree_free(&tree);
+        mn_mesh_free(&mesh);
+    }
+}
+END_TEST
+
+/* ---- rows ------------------------------------------------------------------------------------ */
+
+typedef struct image {
+    mni_row *row;
+    mni_row_simplex *simplex;
+    uint32_t rows, simplices;
+} image;
+
+static mn_code keep(void *context, int section, const void *bytes, size_t count) {
+    image *im = context;
+    if (section == MNI_ROWS) {
+        ck_assert_uint_eq(im->simplices, 0); /* rows come first */
+        memcpy(im->row + im->rows, bytes, count);
+        im->rows += (uint32_t)(count / sizeof *im->row);
+    } else {
+        memcpy(im->simplex + im->simplices, bytes, count);
+        im->simplices += (uint32_t)(count / sizeof *im->simplex);
+    }
+    return MN_OK;
+}
+
+START_TEST(rows_say_what_nodes_are) {
+    mn_mesh mesh;
+    mn_tree t;
+    mn_status st = {0};
+    image im = {0};
+    fixture_sheet(40, 3, true, &mesh);
+    fixture_random_tree(&mesh, fixture_seed(29), &t);
+    im.row = malloc(t.leaves * sizeof *im.row);
+    im.simplex = malloc(t.simplices * sizeof *im.simplex);
+    ck_assert(mni_tree_rows(&t, keep, &im, &st) == MN_OK);
+    ck_assert_uint_eq(im.rows, t.leaves);
+    ck_assert_uint_eq(im.simplices, t.simplices);
+    ck_assert_uint_eq(im.row[0].order, 0);
+    for (uint32_t i = 0; i < t.inner; i++) {
+        uint32_t at = t.leaf_mid[i], first = t.simplex_start[i];
+        const mni_row *row = &im.row[at];
+        uint32_t end = at + 1 < t.leaves ? row[1].simplex_start : t.simplices;
+        ck_assert_uint_eq(row->order, t.leaves + i);
+        ck_assert_uint_eq(row->leaf_lo, t.leaf_lo[i]);
+        ck_assert_uint_eq(row->leaf_hi, t.leaf_hi[i]);
+        ck_assert_uint_eq(row->rgba, t.leaf_color[at]);
+        ck_assert_mem_eq(row->position, t.leaf_position + 3 * (size_t)at, 12);
+        ck_assert(row->switch_value == t.switch_value[i] && row->radius == t.radius[i]);
+        ck_assert_mem_eq(&row->cone, &t.cone[i], sizeof row->cone);
+        if (row->left == MN_NONE)
+            ck_assert_uint_eq(t.left[i], row->leaf_lo);
+        else
+            ck_assert_uint_eq(im.row[row->left].order, t.left[i]);
+        if (row->right == MN_NONE)
+            ck_assert_uint_eq(t.right[i], at);
+        else
+            ck_assert_uint_eq(im.row[row->right].order, t.right[i]);
+        ck_assert_uint_eq(end - row->simplex_start, t.simplex_start[i + 1] - first);
+        for (uint32_t s = row->simplex_start; s < end; s++) {
+            const uint32_t *c = im.simplex[s].corner, *of = t.corner + 3 * (size_t)first++;
+            uint32_t turn = 0;
+            while (turn < 3 && of[turn] != c[0])
+                turn++;
+            for (uint32_t k = 0; k < 3; k++)
+                ck_assert_uint_eq(c[k], of[(turn + k) % 3]);
+            ck_assert(c[2] < t.leaf_lo[i] || c[2] >= t.leaf_hi[i]);
+        }
+    }
+    free(im.row);
+    free(im.simplex);
+    mn_tree_free(&t);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
+/* The same model turned in its triangles has the same bytes; another corner makes another id. */
+START_TEST(the_build_id_is_of_the_content) {
+    mn_mesh mesh;
+    mn_tree t;
+    mn_status st = {0};
+    uint64_t id, turned, changed;
+    fixture_sheet(20, 3, false, &mesh);
+    fixture_tree(&mesh, &t);
+    ck_assert(mni_tree_build_id(&t, NULL, &id, &st) == MN_OK);
+    for (uint32_t s = 0; s < t.simplices; s++) {
+        uint32_t *c = t.corner + 3 * (size_t)s, first = c[0];
+        if (c[2] == MN_NONE)
+            continue;
+        c[0] = c[1], c[1] = c[2], c[2] = first;
+    }
+    ck_assert(mni_tree_build_id(&t, NULL, &turned, &st) == MN_OK);
+    ck_assert_uint_eq(id, turned);
+    t.grid_step /= 2;
+    ck_assert(mni_tree_build_id(&t, NULL, &changed, &st) == MN_OK);
+    ck_assert_uint_ne(id, changed);
+    t.grid_step *= 2;
+    t.leaf_position[7] += t.grid_step;
+    ck_assert(mni_tree_build_id(&t, NULL, &changed, &st) == MN_OK);
+    ck_assert_uint_ne(id, changed);
+    mn_tree_free(&t);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
+int main(void) {
+    Suite *s = suite_create("vdt");
+    TCase *t = tcase_create("files");
+    tcase_set_timeout(t, 60);
+    tcase_add_test(t, any_shape_comes_back);
+    tcase_add_test(t, rows_say_what_nodes_are);
+    tcase_add_test(t, the_build_id_is_of_the_content);
+    suite_add_tcase(s, t);
+    return suite_run(s);
+}
