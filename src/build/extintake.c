@@ -96,6 +96,7 @@ mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_de
     x->desc = *desc;
     x->soup = soup;
     x->apart = read->weld == MN_WELD_OFF && !soup;
+    x->result.welded = !x->apart;
     x->name = name;
     x->st = st;
     x->narrow.fd = x->wide.fd = x->sequence.fd = x->placed.fd = -1;

@@ -31,6 +31,8 @@ typedef struct mni_extmesh {
     uint64_t vertices, triangles;
     double origin[3];
     bool has_colors;
+    bool welded;     /* no two vertices in one place, but for merged_positions */
+    float grid_step; /* as mn_mesh.grid_step */
     mn_intake intake;
     uint64_t boundary_edges, nonmanifold_edges;
     uint64_t bytes_read, bytes_written; /* of temporary files, on the way */
@@ -49,6 +51,13 @@ typedef struct mni_extmesh_desc {
  * work_bytes, or vertices are more than 8 × work_bytes. On failure *out is closed.
  */
 mn_code mni_extmesh_read(const char *path, const mn_read_desc *read, const mni_extmesh_desc *desc,
+                         mni_extmesh *out, mn_status *st);
+/* As mn_mesh_quantise, on the disk: vertices are written anew. */
+mn_code mni_extmesh_quantise(mni_extmesh *mesh, uint32_t bits, const mni_extmesh_desc *desc,
+                             mn_status *st);
+/* A mesh in memory written out. vertex_of: of each id, its vertex there; the caller's. Memory: 24
+ * bytes a vertex, 8 a triangle. On failure *out is closed. */
+mn_code mni_extmesh_make(const mn_mesh *mesh, const char *temp_dir, uint32_t *vertex_of,
                          mni_extmesh *out, mn_status *st);
 /* Harmless on a closed one. */
 void mni_extmesh_close(mni_extmesh *mesh);

@@ -11,19 +11,14 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "grid.h"
 #include "metanode/build.h"
 
-static float step_of(const mn_mesh *m, uint32_t bits) {
+float mni_grid_step(const float low[3], const float high[3], uint32_t bits) {
     double longest = 0, farthest = 0;
     for (int i = 0; i < 3; i++) {
-        float least = m->position[i], most = least;
-        for (uint32_t v = 1; v < m->vertices; v++) {
-            float at = m->position[3 * (size_t)v + (size_t)i];
-            least = at < least ? at : least;
-            most = at > most ? at : most;
-        }
-        longest = fmax(longest, (double)most - least);
-        farthest = fmax(farthest, fmax(fabs((double)most), fabs((double)least)));
+        longest = fmax(longest, (double)high[i] - low[i]);
+        farthest = fmax(farthest, fmax(fabs((double)high[i]), fabs((double)low[i])));
     }
     if (longest == 0) /* a point: the grid of its floats */
         longest = farthest > 0 ? farthest * 0x1p-23 : 1;
@@ -31,6 +26,19 @@ static float step_of(const mn_mesh *m, uint32_t bits) {
     double mantissa = frexp(longest, &exponent);
     exponent -= (mantissa == 0.5) + (int)bits;
     return ldexpf(1, exponent < -149 ? -149 : exponent); /* the least float there is */
+}
+
+static float step_of(const mn_mesh *m, uint32_t bits) {
+    float low[3], high[3];
+    for (int i = 0; i < 3; i++) {
+        low[i] = high[i] = m->position[i];
+        for (uint32_t v = 1; v < m->vertices; v++) {
+            float at = m->position[3 * (size_t)v + (size_t)i];
+            low[i] = at < low[i] ? at : low[i];
+            high[i] = at > high[i] ? at : high[i];
+        }
+    }
+    return mni_grid_step(low, high, bits);
 }
 
 /* How many different positions there are. */
@@ -74,7 +82,7 @@ mn_code mn_mesh_quantise(mn_mesh *m, uint32_t bits, mn_status *st) {
                        m->vertices);
     m->grid_step = step_of(m, bits);
     for (size_t i = 0; i < 3 * (size_t)m->vertices; i++)
-        m->position[i] = (float)(rint((double)m->position[i] / m->grid_step) * m->grid_step) + 0.0f;
+        m->position[i] = mni_grid_round(m->position[i], m->grid_step);
     if (!count_places(m, &after))
         return mn_fail(st, MN_FAILED, "no memory to look for equal ones of %u positions",
                        m->vertices);

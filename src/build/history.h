@@ -12,6 +12,7 @@ typedef struct mni_history {
     float root_value;
     uint32_t root_levels; /* nodes on the longest way down */
     mn_build_counts counts;
+    uint64_t bytes_read, bytes_written; /* of temporary files, while it was made */
 } mni_history;
 
 mn_code mni_history_open(mni_history *history, const char *temp_dir, mn_status *st);

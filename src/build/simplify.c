@@ -455,11 +455,24 @@ static uint64_t whole_bytes(uint64_t vertices, uint64_t triangles) {
            hinges_expected(vertices, triangles) * a_hinge + tree + MNI_PROGRAM_BYTES;
 }
 
+/* Beside rounds: the mesh, what it takes to write it out, and its numbers. */
+static uint64_t rounds_beside_bytes(uint64_t vertices, uint64_t triangles) {
+    return vertices * (12 + 4 /* colour */ + 4) + triangles * 12 + MNI_PROGRAM_BYTES;
+}
+
+static uint64_t rounds_bytes(uint64_t vertices, uint64_t triangles) {
+    uint64_t tree =
+        vertices * (12 + 4 + 4 * 5 + 8 + 3 + 4 /* tree */ + 20 /* history.c */) + triangles * 12;
+    uint64_t writing = vertices * 20 + triangles * 8, rounds = mni_rounds_work_min(0);
+    uint64_t most = tree > writing ? tree : writing;
+    return rounds_beside_bytes(vertices, triangles) + (most > rounds ? most : rounds);
+}
+
 uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
     uint64_t whole = whole_bytes(vertices, triangles), rounds;
     if (vertices <= MNI_CELL_VERTICES)
         return whole;
-    rounds = mni_rounds_need_bytes(vertices, triangles);
+    rounds = rounds_bytes(vertices, triangles);
     return whole < rounds ? whole : rounds;
 }
 
@@ -544,16 +557,36 @@ static mn_code simplify_whole(const mn_mesh *mesh, const mn_simplify_desc *desc,
     return code;
 }
 
+/* Through files, as what does not fit in memory is. */
 static mn_code simplify_in_rounds(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out,
                                   mn_status *st) {
+    uint64_t taken = rounds_beside_bytes(mesh->vertices, mesh->triangles);
     mni_rounds_desc rounds = {.metric = desc->metric,
                               .cell_vertices = desc->cell_vertices,
                               .threads = desc->threads,
-                              .ram_bytes = desc->ram_bytes,
                               .temp_dir = desc->temp_dir != NULL ? desc->temp_dir : ".",
                               .progress = desc->progress,
                               .progress_context = desc->progress_context};
-    return mni_rounds(mesh, &rounds, out, st);
+    if (desc->ram_bytes > 0)
+        rounds.work_bytes = desc->ram_bytes > taken ? desc->ram_bytes - taken : 1;
+    mni_extmesh external = {.vertex.fd = -1, .triangle.fd = -1};
+    mni_history history = {.collapse.fd = -1, .killed.fd = -1};
+    uint32_t *vertex_of = malloc((size_t)mesh->vertices * sizeof *vertex_of);
+    mn_code code = MN_OK;
+    if (vertex_of == NULL)
+        code = mn_fail(st, MN_FAILED, "out of memory for %u vertices", mesh->vertices);
+    if (code == MN_OK)
+        code = mni_extmesh_make(mesh, rounds.temp_dir, vertex_of, &external, st);
+    if (code == MN_OK)
+        code = mni_rounds(&external, &rounds, &history, st);
+    if (code == MN_OK)
+        code = mni_history_tree(&history, mesh, vertex_of, out, st);
+    if (code == MN_OK)
+        out->metric = desc->metric;
+    mni_history_close(&history);
+    mni_extmesh_close(&external);
+    free(vertex_of);
+    return code;
 }
 
 mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out,

@@ -1,0 +1,365 @@
+/* See deal.h. Hidden here: who lacks what, and how it gets there.
+ *
+ * Order of calls: open (both passes), next × cells, close. */
+#include "deal.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "assert.h"
+
+enum { BUFFERS = 2 };
+
+/* A triangle at vertices of a cell whose file position is another's. */
+typedef struct copy {
+    uint32_t cell, corner[3];
+} copy;
+
+/* A cell lacks a vertex: by vertex, then cell. */
+typedef struct lack {
+    uint32_t cell, vertex;
+} lack;
+
+/* By cell, then vertex. */
+typedef struct found {
+    uint32_t vertex, cell;
+    float position[3];
+} found;
+
+struct mni_deal {
+    mni_extmesh *mesh;
+    mni_deal_desc desc;
+    uint32_t next; /* cell */
+    float low[3], high[3];
+    mni_sort *copies, *lacks, *ghosts;
+    const copy *next_copy;
+    const found *next_ghost;
+    mni_spill_reader vertices, triangles;
+    const mni_exttriangle *next_triangle;
+    uint64_t triangles_taken;
+    unsigned char *buffer[BUFFERS];
+    size_t buffer_bytes;
+    uint64_t lacks_read, lacks_written;
+};
+
+static uint32_t cell_start(const mni_deal *d, uint32_t c) {
+    return (uint32_t)(d->mesh->vertices * c / d->desc.cells);
+}
+
+static uint32_t cell_of(const mni_deal *d, uint32_t id) {
+    uint32_t c = (uint32_t)(((uint64_t)id * d->desc.cells) / d->mesh->vertices);
+    while (cell_start(d, c + 1) <= id)
+        c++;
+    while (cell_start(d, c) > id)
+        c--;
+    return c;
+}
+
+static mn_code open_sort(const mni_deal *d, mni_sort **sort, size_t record, mni_sort_key key,
+                         mn_status *st) {
+    mni_sort_desc desc = {.record_bytes = (uint32_t)record,
+                          .key = key,
+                          .budget_bytes = d->desc.work_bytes / 4,
+                          .temp_dir = d->desc.temp_dir};
+    return mni_sort_open(sort, &desc, st);
+}
+
+static void read_triangles(mni_deal *d) {
+    mni_spill *spill = &d->mesh->triangle;
+    size_t bytes = d->buffer_bytes / sizeof(mni_exttriangle) * sizeof(mni_exttriangle);
+    mni_spill_reader_open(&d->triangles, spill, 0, spill->size_bytes, d->buffer[0], bytes, false);
+    d->next_triangle = mni_spill_take(&d->triangles, sizeof(mni_exttriangle));
+}
+
+static void read_vertices(mni_deal *d) {
+    mni_spill *spill = &d->mesh->vertex;
+    size_t bytes = d->buffer_bytes / sizeof(mni_extvertex) * sizeof(mni_extvertex);
+    mni_spill_reader_open(&d->vertices, spill, 0, spill->size_bytes, d->buffer[1], bytes, false);
+}
+
+static mn_code spill_state(const mni_spill *spill, mn_status *st) {
+    if (spill->trouble.code != MN_OK)
+        mn_fail(st, spill->trouble.code, "%s", spill->trouble.text);
+    return st->code;
+}
+
+/* ---- what crosses --------------------------------------------------------------------------- */
+
+static uint32_t least_corner(const uint32_t v[3]) {
+    uint32_t least = v[0] < v[1] ? v[0] : v[1];
+    return least < v[2] ? least : v[2];
+}
+
+/* Copies for the other cells; for each, the corners that it lacks. */
+static void look_at_triangle(mni_deal *d, const uint32_t v[3], uint32_t own) {
+    uint32_t cell[3];
+    for (int i = 0; i < 3; i++)
+        cell[i] = cell_of(d, v[i]);
+    for (int i = 0; i < 3; i++) {
+        if ((i > 0 && cell[i] == cell[0]) || (i > 1 && cell[i] == cell[1]))
+            continue;
+        for (int c = 0; c < 3; c++)
+            if (cell[c] != cell[i]) {
+                lack l = {cell[i], v[c]};
+                mni_sort_put(d->lacks, &l);
+            }
+        if (cell[i] != own) {
+            copy to = {cell[i], {v[0], v[1], v[2]}};
+            mni_sort_put(d->copies, &to);
+        }
+    }
+}
+
+static mn_code look_at_triangles(mni_deal *d, mn_status *st) {
+    uint32_t own = 0, start = 0, end = cell_start(d, 1);
+    for (read_triangles(d); d->next_triangle != NULL;
+         d->next_triangle = mni_spill_take(&d->triangles, sizeof(mni_exttriangle))) {
+        const uint32_t *v = d->next_triangle->corner;
+        uint32_t least = least_corner(v);
+        while (least >= end) {
+            own++;
+            start = end;
+            end = cell_start(d, own + 1);
+        }
+        if (v[0] - start >= end - start || v[1] - start >= end - start ||
+            v[2] - start >= end - start)
+            look_at_triangle(d, v, own);
+    }
+    return spill_state(&d->mesh->triangle, st);
+}
+
+/* Each lack once becomes a ghost. */
+static mn_code look_at_vertices(mni_deal *d, mn_status *st) {
+    const mni_extvertex *v;
+    const lack *next = mni_sort_next(d->lacks, st);
+    uint32_t last_cell = 0;
+    read_vertices(d);
+    for (uint32_t id = 0; (v = mni_spill_take(&d->vertices, sizeof *v)) != NULL; id++) {
+        for (int i = 0; i < 3; i++) {
+            d->low[i] = fminf(d->low[i], v->position[i]);
+            d->high[i] = fmaxf(d->high[i], v->position[i]);
+        }
+        for (bool again = false; next != NULL && next->vertex == id; again = true) {
+            if (!again || next->cell != last_cell) {
+                found f = {id, next->cell, {v->position[0], v->position[1], v->position[2]}};
+                mni_sort_put(d->ghosts, &f);
+            }
+            last_cell = next->cell;
+            next = mni_sort_next(d->lacks, st);
+        }
+    }
+    return spill_state(&d->mesh->vertex, st);
+}
+
+static mn_code find_crossing(mni_deal *d, mn_status *st) {
+    mn_code code = open_sort(d, &d->copies, sizeof(copy), MNI_SORT_U32, st);
+    if (code == MN_OK)
+        code = open_sort(d, &d->lacks, sizeof(lack), MNI_SORT_U64, st);
+    if (code == MN_OK)
+        code = open_sort(d, &d->ghosts, sizeof(found), MNI_SORT_U64, st);
+    if (code == MN_OK)
+        code = look_at_triangles(d, st);
+    if (code == MN_OK)
+        code = mni_sort_finish(d->copies, st);
+    if (code == MN_OK)
+        code = mni_sort_finish(d->lacks, st);
+    if (code == MN_OK)
+        code = look_at_vertices(d, st);
+    if (code != MN_OK)
+        return code;
+    mni_sort_figures f = mni_sort_figures_get(d->lacks);
+    d->lacks_read = f.bytes_read;
+    d->lacks_written = f.bytes_written;
+    mni_sort_close(d->lacks);
+    d->lacks = NULL;
+    return mni_sort_finish(d->ghosts, st);
+}
+
+/* ---- from the outside ----------------------------------------------------------------------- */
+
+mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *desc,
+                      mn_status *st) {
+    MN_ASSERT(desc->cells > 0 && desc->work_bytes >= MNI_DEAL_WORK_MIN);
+    mni_deal *d = malloc(sizeof *d);
+    *deal = d;
+    if (d == NULL)
+        return mn_fail(st, MN_FAILED, "out of memory");
+    *d = (mni_deal){.mesh = mesh,
+                    .desc = *desc,
+                    .low = {INFINITY, INFINITY, INFINITY},
+                    .high = {-INFINITY, -INFINITY, -INFINITY}};
+    d->buffer_bytes = desc->work_bytes / 16 < 1 << 20 ? (size_t)(desc->work_bytes / 16) : 1 << 20;
+    for (int i = 0; i < BUFFERS; i++)
+        if ((d->buffer[i] = malloc(d->buffer_bytes)) == NULL)
+            return mn_fail(st, MN_FAILED, "out of memory");
+    mn_code code = find_crossing(d, st);
+    if (code != MN_OK)
+        return code;
+    d->next_copy = mni_sort_next(d->copies, st);
+    d->next_ghost = mni_sort_next(d->ghosts, st);
+    read_triangles(d);
+    read_vertices(d);
+    return st->code;
+}
+
+void mni_deal_box(const mni_deal *d, float low[3], float high[3]) {
+    memcpy(low, d->low, sizeof d->low);
+    memcpy(high, d->high, sizeof d->high);
+}
+
+void mni_deal_bytes(const mni_deal *d, uint64_t *read, uint64_t *written) {
+    mni_sort_figures a = mni_sort_figures_get(d->copies), b = mni_sort_figures_get(d->ghosts);
+    *read = d->lacks_read + a.bytes_read + b.bytes_read;
+    *written = d->lacks_written + a.bytes_written + b.bytes_written;
+}
+
+void mni_deal_close(mni_deal *d) {
+    if (d == NULL)
+        return;
+    mni_sort_close(d->copies);
+    mni_sort_close(d->lacks);
+    mni_sort_close(d->ghosts);
+    for (int i = 0; i < BUFFERS; i++)
+        free(d->buffer[i]);
+    free(d);
+}
+
+/* ---- a hand --------------------------------------------------------------------------------- */
+
+/* Room for one more; false: no memory. */
+static bool grow(void **array, uint32_t count, uint32_t *room, size_t bytes) {
+    if (count < *room)
+        return true;
+    uint32_t wanted = *room + *room / 4 + 256;
+    void *more = realloc(*array, wanted * bytes);
+    if (more == NULL)
+        return false;
+    *array = more;
+    *room = wanted;
+    return true;
+}
+
+static mn_code no_memory(const mni_hand *h, mn_status *st) {
+    return mn_fail(st, MN_FAILED, "out of memory for a cell of %u vertices", h->vertices);
+}
+
+static mn_code deal_vertices(mni_deal *d, mni_hand *h, mn_status *st) {
+    float(*position)[3] = realloc(h->position, h->vertices * sizeof *position);
+    if (position == NULL)
+        return no_memory(h, st);
+    h->position = position;
+    for (uint32_t i = 0; i < h->vertices; i++) {
+        const mni_extvertex *v = mni_spill_take(&d->vertices, sizeof *v);
+        if (v == NULL)
+            return spill_state(&d->mesh->vertex, st);
+        memcpy(position[i], v->position, sizeof position[i]);
+    }
+    for (h->ghosts = 0; d->next_ghost != NULL && d->next_ghost->cell == d->next;
+         d->next_ghost = mni_sort_next(d->ghosts, st)) {
+        const found *f = d->next_ghost;
+        void *array = h->ghost;
+        bool good = grow(&array, h->ghosts, &h->ghosts_room, sizeof *h->ghost);
+        h->ghost = array;
+        if (!good)
+            return no_memory(h, st);
+        h->ghost[h->ghosts++] =
+            (mni_ghost){f->vertex, {f->position[0], f->position[1], f->position[2]}};
+    }
+    return st->code;
+}
+
+static bool add_triangle(mni_hand *h, const uint32_t v[3]) {
+    void *array = h->triangle;
+    bool good = grow(&array, h->triangles, &h->triangles_room, sizeof *h->triangle);
+    h->triangle = array;
+    if (good)
+        h->triangle[h->triangles++] = (mni_dealt_triangle){{v[0], v[1], v[2]}};
+    return good;
+}
+
+static mn_code deal_triangles(mni_deal *d, mni_hand *h, mn_status *st) {
+    h->triangles = 0;
+    for (; d->next_copy != NULL && d->next_copy->cell == d->next;
+         d->next_copy = mni_sort_next(d->copies, st))
+        if (!add_triangle(h, d->next_copy->corner))
+            return no_memory(h, st);
+    h->copies = h->triangles;
+    h->number = (uint32_t)d->triangles_taken;
+    for (; d->next_triangle != NULL &&
+           least_corner(d->next_triangle->corner) < h->first + h->vertices;
+         d->next_triangle = mni_spill_take(&d->triangles, sizeof(mni_exttriangle))) {
+        if (!add_triangle(h, d->next_triangle->corner))
+            return no_memory(h, st);
+        d->triangles_taken++;
+    }
+    return spill_state(&d->mesh->triangle, st);
+}
+
+mn_code mni_deal_next(mni_deal *d, mni_hand *h, mn_status *st) {
+    MN_ASSERT(d->next < d->desc.cells);
+    h->first = cell_start(d, d->next);
+    h->vertices = cell_start(d, d->next + 1) - h->first;
+    mn_code code = deal_vertices(d, h, st);
+    if (code == MN_OK)
+        code = deal_triangles(d, h, st);
+    d->next++;
+    return code;
+}
+
+void mni_hand_free(mni_hand *h) {
+    free(h->position);
+    free(h->ghost);
+    free(h->triangle);
+    *h = (mni_hand){0};
+}
+
+/* ---- a cell --------------------------------------------------------------------------------- */
+
+/* The cell's own vertices first, then ghosts. */
+static uint32_t stand(const mni_hand *h, uint32_t id) {
+    if (id - h->first < h->vertices)
+        return id - h->first;
+    uint32_t low = 0, high = h->ghosts;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        if (h->ghost[middle].id <= id)
+            low = middle;
+        else
+            high = middle;
+    }
+    MN_ASSERT(low < h->ghosts && h->ghost[low].id == id);
+    return h->vertices + low;
+}
+
+mn_code mni_hand_cell(const mni_hand *h, mni_cell *cell, mn_status *st) {
+    uint32_t vertices = h->vertices + h->ghosts;
+    cell->vertex = calloc(vertices, sizeof *cell->vertex);
+    cell->simplex = calloc((size_t)h->triangles + 1, sizeof *cell->simplex);
+    if (cell->vertex == NULL || cell->simplex == NULL)
+        return no_memory(h, st);
+    cell->vertices = vertices;
+    cell->simplices = h->triangles;
+    cell->simplices_room = h->triangles + 1;
+    for (uint32_t v = 0; v < vertices; v++) {
+        bool own = v < h->vertices;
+        const float *p = own ? h->position[v] : h->ghost[v - h->vertices].position;
+        mni_cell_vertex *to = &cell->vertex[v];
+        to->id = to->node = own ? h->first + v : h->ghost[v - h->vertices].id;
+        to->ghost = !own;
+        memcpy(to->p, p, sizeof to->p);
+    }
+    for (uint32_t t = 0; t < h->triangles; t++) {
+        mni_cell_simplex *x = &cell->simplex[t];
+        bool crosses = false;
+        x->id = h->number + t - h->copies; /* a copy stays here, whatever its number */
+        for (int c = 0; c < 3; c++) {
+            x->v[c] = x->origin[c] = h->triangle[t].corner[c];
+            x->at[c] = stand(h, x->v[c]);
+            crosses |= x->at[c] >= h->vertices;
+        }
+        for (int c = 0; c < 3; c++)
+            cell->vertex[x->at[c]].border |= crosses;
+    }
+    return MN_OK;
+}

@@ -1,0 +1,64 @@
+/* Dealing a mesh to cells, as the first round wants it: one after another, from streams alone.
+ *
+ * A cell is a range of vertices, which stand along a curve, with all triangles at them. Most of
+ * these follow each other in the file; one that crosses into other cells is copied to each of them,
+ * and the corners that such a cell lacks come as ghosts, with their positions:
+ *
+ *     triangles ──► those that cross ──► copies, sorted by cell
+ *                        └─► (vertex, cell that lacks it), sorted by vertex
+ *     vertices  ──────────────┴─► ghosts, sorted by cell
+ *
+ * That is one pass over both files before the first cell, and one with the cells; what is sorted is
+ * what crosses, a few in a hundred. One thread at a time; calls may block on the disk. Memory:
+ * work_bytes, whatever the mesh. */
+#ifndef MNI_DEAL_H
+#define MNI_DEAL_H
+
+#include "cell.h"
+#include "extmesh.h"
+#include "extsort.h"
+
+#define MNI_DEAL_WORK_MIN (16 * MNI_SORT_BUDGET_MIN)
+
+typedef struct mni_deal_desc {
+    uint32_t cells;
+    uint64_t work_bytes; /* at least MNI_DEAL_WORK_MIN */
+    const char *temp_dir;
+} mni_deal_desc;
+
+/* A triangle, as a cell is given it. */
+typedef struct mni_dealt_triangle {
+    uint32_t corner[3];
+} mni_dealt_triangle;
+
+typedef struct mni_ghost {
+    uint32_t id;
+    float position[3];
+} mni_ghost;
+
+/* What a cell is made of. */
+typedef struct mni_hand {
+    uint32_t first, vertices; /* ids [first, first + vertices) */
+    float (*position)[3];
+    mni_ghost *ghost; /* by id */
+    uint32_t ghosts, ghosts_room;
+    mni_dealt_triangle *triangle; /* in the order of the file; copies first */
+    uint32_t copies, triangles, triangles_room;
+    uint32_t number; /* of the first that is no copy, in the file; the others follow it */
+} mni_hand;
+
+typedef struct mni_deal mni_deal;
+
+/* Finds what crosses, and the box of all vertices. mesh outlives it, and is read alone. */
+mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *desc, mn_status *st);
+void mni_deal_box(const mni_deal *deal, float low[3], float high[3]);
+/* The next cell's; arrays of *hand are used again. */
+mn_code mni_deal_next(mni_deal *deal, mni_hand *hand, mn_status *st);
+/* Moved so far by the sorts. */
+void mni_deal_bytes(const mni_deal *deal, uint64_t *read, uint64_t *written);
+void mni_deal_close(mni_deal *deal); /* NULL is harmless */
+void mni_hand_free(mni_hand *hand);
+/* Makes a cell of it: leaves and ghosts, triangles, borders. Any thread. */
+mn_code mni_hand_cell(const mni_hand *hand, mni_cell *cell, mn_status *st);
+
+#endif

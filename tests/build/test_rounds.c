@@ -1,0 +1,278 @@
+/* Goal: what rounds make of a mesh on disk is the mesh's alone, and cells are dealt what belongs to
+ * them. Method: seeded random meshes, dealt and compared with what memory says; histories made with
+ * any threads and memory, byte by byte; a disk that fills at the Nth write. */
+#include <check.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+
+#include "deal.h"
+#include "rounds.h"
+#include "suite.h"
+
+enum { CORNERS_MAX = 30000 };
+
+static uint64_t seed; /* of the suite; each test begins with it */
+
+static uint64_t random_u64(void) {
+    uint64_t x = seed += UINT64_C(0x9e3779b97f4a7c15);
+    x = (x ^ x >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
+    x = (x ^ x >> 27) * UINT64_C(0x94d049bb133111eb);
+    return x ^ x >> 31;
+}
+
+typedef struct random_mesh {
+    mn_mesh mesh;
+    uint32_t *vertex_of;
+    mni_extmesh external;
+} random_mesh;
+
+/* Along a line, triangles among near vertices; one in so many across all of the mesh. */
+static void make_soup(random_mesh *m, uint32_t vertices, uint32_t triangles, uint32_t far_part) {
+    m->mesh = (mn_mesh){.vertices = vertices,
+                        .triangles = triangles,
+                        .position = malloc(vertices * 3 * sizeof(float)),
+                        .corner = malloc(triangles * 3 * sizeof(uint32_t))};
+    for (uint32_t i = 0; i < 3 * vertices; i++)
+        m->mesh.position[i] = (float)(random_u64() % 2048) / 64 + (i % 3 == 0 ? (float)i : 0);
+    for (uint32_t t = 0; t < triangles; t++) {
+        uint32_t *c = &m->mesh.corner[3 * t], near = random_u64() % far_part > 0 ? 12 : vertices;
+        c[0] = (uint32_t)(random_u64() % vertices);
+        do {
+            c[1] = (uint32_t)((c[0] + random_u64() % near) % vertices);
+            c[2] = (uint32_t)((c[0] + random_u64() % near) % vertices);
+        } while (c[0] == c[1] || c[1] == c[2] || c[0] == c[2]);
+    }
+}
+
+/* A closed surface of squares, its poles joined to whole rows. */
+static void make_globe(random_mesh *m, uint32_t rows, uint32_t columns) {
+    uint32_t vertices = rows * columns + 2, triangles = 2 * rows * columns, t = 0;
+    m->mesh = (mn_mesh){.vertices = vertices,
+                        .triangles = triangles,
+                        .position = malloc(vertices * 3 * sizeof(float)),
+                        .corner = malloc(triangles * 3 * sizeof(uint32_t))};
+    for (uint32_t v = 0; v < vertices; v++) {
+        double row = v < rows * columns    ? (double)(v / columns) + 1
+                     : v == rows * columns ? 0
+                                           : rows + 1;
+        double up = row * 3.14159265 / (rows + 1), round = v % columns * 6.2831853 / columns;
+        double r = 10 + 0.001 * (double)(random_u64() % 1000);
+        m->mesh.position[3 * v] = (float)(r * sin(up) * cos(round));
+        m->mesh.position[3 * v + 1] = (float)(r * cos(up));
+        m->mesh.position[3 * v + 2] = (float)(r * sin(up) * sin(round));
+    }
+    for (uint32_t row = 0; row <= rows; row++)
+        for (uint32_t i = 0; i < columns; i++) {
+            uint32_t next = (i + 1) % columns, above = (row - 1) * columns, below = row * columns;
+            uint32_t north = rows * columns, south = north + 1, *c = &m->mesh.corner[3 * t];
+            if (row == 0)
+                memcpy(c, (uint32_t[]){north, below + next, below + i}, 12);
+            else if (row == rows)
+                memcpy(c, (uint32_t[]){south, above + i, above + next}, 12);
+            else
+                memcpy(c,
+                       (uint32_t[]){above + i, above + next, below + i, above + next, below + next,
+                                    below + i},
+                       24);
+            t += row == 0 || row == rows ? 1 : 2;
+        }
+    ck_assert_uint_eq(t, triangles);
+}
+
+static void write_out(random_mesh *m) {
+    mn_status st = {0};
+    m->vertex_of = malloc(m->mesh.vertices * sizeof *m->vertex_of);
+    ck_assert_msg(mni_extmesh_make(&m->mesh, "/tmp", m->vertex_of, &m->external, &st) == MN_OK,
+                  "%s", st.text);
+}
+
+static void drop(random_mesh *m) {
+    mni_extmesh_close(&m->external);
+    free(m->vertex_of);
+    mn_mesh_free(&m->mesh);
+}
+
+/* ---- dealing -------------------------------------------------------------------------------- */
+
+static void *load(mni_spill *spill) {
+    unsigned char *all = malloc(spill->size_bytes + 1);
+    mni_spill_reader r;
+    mni_spill_reader_open(&r, spill, 0, spill->size_bytes, all, spill->size_bytes, false);
+    ck_assert(spill->size_bytes == 0 || mni_spill_take(&r, spill->size_bytes) != NULL);
+    return all;
+}
+
+/* Each triangle at one of the hand's vertices once, copies and the rest in the file's order; each
+ * corner that is not the hand's own is one of its ghosts, and nothing else is. */
+static void check_hand(const random_mesh *m, const mni_hand *h, const mni_exttriangle *triangle,
+                       const mni_extvertex *vertex) {
+    uint32_t at[2] = {0, h->copies}, wrong = 0, first = h->first;
+    uint8_t *lacks = calloc(m->mesh.vertices, 1);
+    for (uint32_t t = 0; t < m->mesh.triangles; t++) {
+        const uint32_t *c = triangle[t].corner;
+        bool here = false, own = true;
+        for (int i = 0; i < 3; i++) {
+            here |= c[i] - first < h->vertices;
+            own &= c[i] >= first;
+        }
+        if (!here)
+            continue;
+        ck_assert_uint_lt(at[own], own ? h->triangles : h->copies);
+        if (own)
+            ck_assert_uint_eq(t, h->number + at[1] - h->copies);
+        wrong += memcmp(h->triangle[at[own]++].corner, c, sizeof triangle->corner) != 0;
+        for (int i = 0; i < 3; i++)
+            lacks[c[i]] |= c[i] - first >= h->vertices;
+    }
+    ck_assert_uint_eq(at[0], h->copies);
+    ck_assert_uint_eq(at[1], h->triangles);
+    for (uint32_t v = 0, ghost = 0; v < m->mesh.vertices; v++) {
+        if (v - first < h->vertices)
+            wrong += memcmp(h->position[v - first], vertex[v].position, 12) != 0;
+        if (lacks[v] == 0)
+            continue;
+        ck_assert_uint_lt(ghost, h->ghosts);
+        wrong += h->ghost[ghost].id != v ||
+                 memcmp(h->ghost[ghost].position, vertex[v].position, 12) != 0;
+        ghost++;
+    }
+    ck_assert_uint_eq(wrong, 0);
+    free(lacks);
+}
+
+START_TEST(cells_are_dealt_what_is_theirs) {
+    for (uint32_t round = 0; round < 12; round++) {
+        random_mesh m;
+        mni_deal *deal;
+        mni_hand hand = {0};
+        mn_status st = {0};
+        uint32_t vertices = 50 + (uint32_t)(random_u64() % 4000), next = 0;
+        make_soup(&m, vertices, vertices + (uint32_t)(random_u64() % CORNERS_MAX) / 3, 8);
+        write_out(&m);
+        mni_extvertex *vertex = load(&m.external.vertex);
+        mni_exttriangle *triangle = load(&m.external.triangle);
+        mni_deal_desc desc = {.cells = 1 + (uint32_t)(random_u64() % (round < 6 ? 6 : 50)),
+                              .work_bytes = MNI_DEAL_WORK_MIN << random_u64() % 3,
+                              .temp_dir = "/tmp"};
+        ck_assert_msg(mni_deal_open(&deal, &m.external, &desc, &st) == MN_OK, "%s", st.text);
+        for (uint32_t c = 0; c < desc.cells; c++) {
+            ck_assert_msg(mni_deal_next(deal, &hand, &st) == MN_OK, "%s", st.text);
+            ck_assert_uint_eq(hand.first, next);
+            next += hand.vertices;
+            check_hand(&m, &hand, triangle, vertex);
+        }
+        ck_assert_uint_eq(next, vertices);
+        mni_deal_close(deal);
+        mni_hand_free(&hand);
+        free(vertex);
+        free(triangle);
+        drop(&m);
+    }
+}
+END_TEST
+
+/* ---- rounds --------------------------------------------------------------------------------- */
+
+static mni_history make_history(random_mesh *m, const mni_rounds_desc *desc) {
+    mni_history h;
+    mn_status st = {0};
+    ck_assert_msg(mni_rounds(&m->external, desc, &h, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(h.collapses, m->mesh.vertices - 1);
+    ck_assert_uint_eq(h.killed_count, m->mesh.triangles + h.hinges);
+    return h;
+}
+
+static void check_same(mni_history *a, mni_history *b) {
+    ck_assert_mem_eq(&a->counts, &b->counts, sizeof a->counts);
+    ck_assert(a->root_value == b->root_value && a->root_levels == b->root_levels);
+    ck_assert_uint_eq(a->collapse.size_bytes, b->collapse.size_bytes);
+    ck_assert_uint_eq(a->killed.size_bytes, b->killed.size_bytes);
+    void *of_a[2] = {load(&a->collapse), load(&a->killed)};
+    void *of_b[2] = {load(&b->collapse), load(&b->killed)};
+    ck_assert_mem_eq(of_a[0], of_b[0], a->collapse.size_bytes);
+    ck_assert_mem_eq(of_a[1], of_b[1], a->killed.size_bytes);
+    for (int i = 0; i < 2; i++) {
+        free(of_a[i]);
+        free(of_b[i]);
+    }
+}
+
+static void make_kind(random_mesh *m, int kind) {
+    if (kind == 0)
+        make_globe(m, 60, 90);
+    else
+        make_globe(m, 120, 40);
+    write_out(m);
+}
+
+START_TEST(the_history_is_the_meshs_alone) {
+    random_mesh m;
+    make_kind(&m, _i);
+    mni_rounds_desc desc = {.cell_vertices = 400, .temp_dir = "/tmp"};
+    mni_history first = make_history(&m, &desc);
+    ck_assert_uint_gt(first.counts.rounds, 2);
+    for (desc.threads = 1; desc.threads <= 16; desc.threads += 3) {
+        desc.work_bytes = mni_rounds_work_min(desc.cell_vertices) * desc.threads * 2;
+        mni_history other = make_history(&m, &desc);
+        check_same(&first, &other);
+        mni_history_close(&other);
+    }
+    mni_history_close(&first);
+    drop(&m);
+}
+END_TEST
+
+/* Files may grow to so many bytes; past that the disk is full. */
+static void limit_files(rlim_t bytes) {
+    struct rlimit limit;
+    getrlimit(RLIMIT_FSIZE, &limit);
+    limit.rlim_cur = bytes;
+    setrlimit(RLIMIT_FSIZE, &limit);
+}
+
+START_TEST(a_disk_that_fills) {
+    random_mesh m;
+    mn_status st;
+    mni_history h;
+    make_kind(&m, _i);
+    signal(SIGXFSZ, SIG_IGN);
+    mni_rounds_desc desc = {.cell_vertices = 400, .threads = 2, .temp_dir = "/tmp"};
+    desc.work_bytes = mni_rounds_work_min(desc.cell_vertices) * 2;
+    uint32_t failures = 0;
+    mn_code code = MN_NO_SPACE;
+    for (rlim_t bytes = 4096; code != MN_OK; bytes += bytes / 4) {
+        st = (mn_status){0};
+        limit_files(bytes);
+        code = mni_rounds(&m.external, &desc, &h, &st);
+        limit_files(RLIM_INFINITY);
+        if (code != MN_OK) {
+            ck_assert_int_eq(code, MN_NO_SPACE);
+            ck_assert_ptr_nonnull(strstr(st.text, "--temp-dir"));
+            ck_assert_int_eq(h.collapse.fd, -1);
+            failures++;
+        }
+    }
+    ck_assert_uint_gt(failures, 10);
+    mni_history_close(&h);
+    drop(&m);
+}
+END_TEST
+
+int main(void) {
+    const char *text = getenv("MN_SEED");
+    seed = text != NULL ? strtoull(text, NULL, 10) : 7;
+    printf("MN_SEED=%llu\n", (unsigned long long)seed);
+    fflush(stdout);
+    Suite *suite = suite_create("rounds");
+    TCase *tc = tcase_create("rounds");
+    tcase_set_timeout(tc, 120);
+    tcase_add_test(tc, cells_are_dealt_what_is_theirs);
+    tcase_add_loop_test(tc, the_history_is_the_meshs_alone, 0, 2);
+    tcase_add_loop_test(tc, a_disk_that_fills, 0, 2);
+    suite_add_tcase(suite, tc);
+    return suite_run(suite);
+}
