@@ -68,6 +68,11 @@ typedef struct mn_read_desc {
 
 /* Reads PLY, STL, OBJ, OFF (and .om), deciding by content. On failure *out is zeroed. */
 mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, mn_status *st);
+/* About how many vertices and triangles the file has, for plans: what its header says, or (OBJ,
+ * ascii STL, .om) a guess from samples. Vertices as they stand in the file, three a triangle in
+ * STL; at least two triangles a vertex elsewhere, for faces may have many corners. MN_BAD_INPUT: a
+ * header that cannot be. */
+mn_code mn_mesh_expect(const char *path, uint64_t *vertices, uint64_t *triangles, mn_status *st);
 /* Writes binary little-endian PLY under a temporary name, syncs, renames. */
 mn_code mn_mesh_write_ply(const char *path, const mn_mesh *mesh, mn_status *st);
 void mn_mesh_free(mn_mesh *mesh);

@@ -42,6 +42,7 @@ struct mni_intake {
     bool over;          /* the cap: only counting since then */
 
     mni_extintake *external; /* has all that is pushed, and nothing here; NULL: it is here */
+    mni_claims *claims;      /* all that is wanted; NULL: the mesh is */
     mni_weld weld;
     uint32_t *welded; /* pushed -> vertex; NULL in soups and without welding */
     uint64_t pushed_capacity;
@@ -172,6 +173,13 @@ mni_intake *mni_intake_open_to(mni_extintake *x, bool soup, const char *name, mn
     return intake;
 }
 
+mni_intake *mni_intake_open_claims(mni_claims *claims, const char *name, mn_status *st) {
+    mni_intake *intake = mni_intake_open(&(mn_read_desc){0}, false, name, st);
+    if (intake != NULL)
+        intake->claims = claims;
+    return intake;
+}
+
 static bool too_many(mni_intake *intake, uint64_t count, uint64_t max, const char *what) {
     mn_fail(intake->st, MN_BAD_INPUT, "%s: has %llu %s, more than the %llu that can be taken in",
             intake->name, (unsigned long long)count, what, (unsigned long long)max);
@@ -184,6 +192,11 @@ bool mni_intake_expect(mni_intake *intake, uint64_t vertices, uint64_t triangles
         return too_many(intake, vertices, MNI_VERTICES_MAX, "vertices");
     if (triangles > MNI_TRIANGLES_MAX)
         return too_many(intake, triangles, MNI_TRIANGLES_MAX, "triangles");
+    if (intake->claims != NULL) {
+        *intake->claims = (mni_claims){true, vertices, triangles};
+        mn_fail(intake->st, MN_FAILED, "%s: no more is wanted", intake->name);
+        return false;
+    }
     if (intake->external != NULL)
         return true;
     intake->expected = !intake->soup;

@@ -12,6 +12,7 @@
 #include <string.h>
 #include <strings.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "extintake.h"
 #include "reader.h"
@@ -199,6 +200,84 @@ mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, m
         out->seconds_read = now_s() - started_s;
     }
     mni_source_close(&source);
+    if (own.code != MN_OK)
+        mn_fail(st, own.code, "%s", own.text);
+    return own.code;
+}
+
+/* ---- what is to come ------------------------------------------------------------------------- */
+
+enum {
+    SAMPLES = 64,
+    SAMPLE_BYTES = 16 << 10,
+    OM_VERTEX_BYTES = 30, /* three floats, and the halves of three edges */
+};
+
+typedef struct line_counts {
+    uint64_t vertices, faces, bytes; /* of whole lines */
+} line_counts;
+
+/* Lines of a piece of text, from behind its first line end to its last one. */
+static void count_lines(const char *text, line_counts *counts) {
+    const char *at = strchr(text, '\n'), *last = strrchr(text, '\n');
+    for (; at != NULL && at < last; at = strchr(at + 1, '\n')) {
+        const char *word = at + 1 + strspn(at + 1, " \t");
+        const bool vertex = strncmp(word, "v ", 2) == 0 || strncmp(word, "v\t", 2) == 0 ||
+                            strncasecmp(word, "vertex", 6) == 0;
+        counts->vertices += vertex;
+        counts->faces += strncmp(word, "f ", 2) == 0 || strncmp(word, "f\t", 2) == 0;
+    }
+    counts->bytes += at == NULL ? 0 : (uint64_t)(last - strchr(text, '\n'));
+}
+
+/* Formats that count nothing: by a megabyte of samples. */
+static void expect_lines(const mni_source *source, mni_claims *claims) {
+    line_counts counts = {0};
+    const uint64_t last = source->size > SAMPLE_BYTES ? source->size - SAMPLE_BYTES : 0;
+    for (uint64_t i = 0; i < SAMPLES; i++) {
+        char text[SAMPLE_BYTES + 2] = "\n";
+        ssize_t got =
+            pread(source->fd, text + 1, SAMPLE_BYTES, (off_t)((double)last * i / (SAMPLES - 1)));
+        text[got > 0 ? got + 1 : 1] = 0;
+        count_lines(text, &counts);
+    }
+    const double times = counts.bytes > 0 ? (double)source->size / (double)counts.bytes : 0;
+    claims->vertices = (uint64_t)(times * (double)counts.vertices);
+    claims->triangles = (uint64_t)(times * (double)counts.faces);
+}
+
+/* Formats that do: their own readers', up to where the numbers are. */
+static void hear_claims(format kind, mni_source *source, mni_claims *claims) {
+    mni_intake *intake = mni_intake_open_claims(claims, source->name, source->st);
+    if (intake != NULL)
+        read_own(kind, source, intake);
+    mni_intake_close(intake);
+    if (claims->heard)
+        *source->st = (mn_status){0};
+}
+
+mn_code mn_mesh_expect(const char *path, uint64_t *vertices, uint64_t *triangles, mn_status *st) {
+    mn_status own = {0};
+    mni_source source;
+    mni_claims claims = {0};
+    if (mni_source_open(&source, path, &(mn_read_desc){0}, &own)) {
+        const format kind = format_of(&source);
+        if (kind == OBJ || kind == STL_ASCII)
+            expect_lines(&source, &claims);
+        else if (kind == OPENMESH)
+            claims.vertices = source.size / OM_VERTEX_BYTES;
+        else
+            hear_claims(kind, &source, &claims);
+        if (kind == STL_ASCII)
+            claims.triangles = claims.vertices / 3;
+        else if (kind == STL_BINARY)
+            claims.vertices = 3 * claims.triangles;
+        else if (claims.triangles < 2 * claims.vertices)
+            claims.triangles = 2 * claims.vertices;
+    }
+    mni_source_close(&source);
+    *vertices = claims.vertices;
+    *triangles = claims.triangles;
     if (own.code != MN_OK)
         mn_fail(st, own.code, "%s", own.text);
     return own.code;

@@ -44,6 +44,13 @@ void mni_intake_close(mni_intake *intake); /* NULL is allowed */
 
 /* An intake that hands all that is pushed on to x, which stays the caller's to finish and close. */
 mni_intake *mni_intake_open_to(struct mni_extintake *x, bool soup, const char *name, mn_status *st);
+/* One that wants to hear what the file claims (mni_intake_expect) and nothing more: it fails then.
+ */
+typedef struct mni_claims {
+    bool heard;
+    uint64_t vertices, triangles;
+} mni_claims;
+mni_intake *mni_intake_open_claims(mni_claims *claims, const char *name, mn_status *st);
 /* What both intakes say when no triangle is left, false, or none came at all. */
 bool mni_intake_any_left(const mn_intake *counts, uint64_t vertices, uint64_t triangles,
                          const char *name, mn_status *st);
