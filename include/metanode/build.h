@@ -215,6 +215,39 @@ typedef struct mn_block_counts {
 mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_desc *desc,
                        mn_header *header, mn_block_counts *counts, mn_status *st);
 
+/* ---- trees that stay on disk ---------------------------------------------------------------- */
+
+/* A tree of any size: a .vdt, or temporary files of one that is being made. One thread. */
+typedef struct mn_vdt mn_vdt;
+
+typedef struct mn_phase_figures {
+    double seconds;
+    uint64_t bytes_read, bytes_written; /* of all files */
+} mn_phase_figures;
+typedef struct mn_vdt_figures {
+    mn_phase_figures read, simplify, order; /* those that were gone through */
+} mn_vdt_figures;
+
+/* Simplifies the mesh at `in`, down to one root, within simplify->ram_bytes for the process (0: as
+ * much as keeps it off the disk) and that of read, where it is not 0; the tree depends on the mesh
+ * and the options, never on memory or threads. work (may be NULL): where what is finished is kept,
+ * and what had been finished is taken up; it outlives the call. simplify->temp_dir (NULL: the
+ * working directory) outlives the tree. On failure *out is NULL. MN_BAD_INPUT: as mn_mesh_read.
+ * MN_NO_SPACE: temporary files filled the disk. MN_CAP_TOO_SMALL names what would do. */
+mn_code mn_vdt_make(const char *in, const mn_read_desc *read, const mn_simplify_desc *simplify,
+                    mn_work *work, mn_vdt **out, mn_status *st);
+/* Opens a .vdt, which is read once and compared with its checksums. */
+mn_code mn_vdt_open(const char *path, const mn_watch *watch, mn_vdt **out, mn_status *st);
+void mn_vdt_close(mn_vdt *vdt); /* NULL is harmless */
+/* Counts and facts; the pointers to arrays are NULL. Until close. */
+const mn_tree *mn_vdt_head(const mn_vdt *vdt);
+const mn_vdt_figures *mn_vdt_figures_of(const mn_vdt *vdt);
+/* Writes a .vdt: temporary name, sync, rename. */
+mn_code mn_vdt_write(mn_vdt *vdt, const char *path, const mn_watch *watch, mn_status *st);
+/* As mn_block_write; within desc->ram_bytes. MN_BAD_INPUT: what stands in the .vdt is no tree. */
+mn_code mn_vdt_block(mn_vdt *vdt, const char *path, const mn_block_desc *desc, mn_header *header,
+                     mn_block_counts *counts, mn_status *st);
+
 /* ---- looking at a file --------------------------------------------------------------------- */
 
 typedef struct mn_verify_result {

@@ -178,6 +178,79 @@ START_TEST(the_build_id_is_of_the_content) {
 }
 END_TEST
 
+/* ---- trees that stay on disk ----------------------------------------------------------------- */
+
+static void same_files(const char *a, const char *b) {
+    char command[300];
+    snprintf(command, sizeof command, "cmp -s %s %s", a, b);
+    ck_assert_msg(system(command) == 0, "%s and %s differ", a, b);
+}
+
+static void write_sheet(const char *path, uint32_t n, bool colors) {
+    mn_mesh mesh;
+    mn_status st = {0};
+    fixture_sheet(n, 3, colors, &mesh);
+    ck_assert_msg(mn_mesh_write_ply(path, &mesh, &st) == MN_OK, "%s", st.text);
+    mn_mesh_free(&mesh);
+}
+
+START_TEST(made_written_opened_and_blocked) {
+    char in[128], made[128], again[128], from_made[128], from_file[128];
+    mn_status st = {0};
+    mn_vdt *vdt = NULL, *file = NULL;
+    mn_verify_result result;
+    mn_header header;
+    mn_block_counts counts;
+    snprintf(in, sizeof in, "%s", fixture_path("in.ply"));
+    snprintf(made, sizeof made, "%s", fixture_path("made.vdt"));
+    snprintf(again, sizeof again, "%s", fixture_path("again.vdt"));
+    snprintf(from_made, sizeof from_made, "%s", fixture_path("made.mnt"));
+    snprintf(from_file, sizeof from_file, "%s", fixture_path("file.mnt"));
+    write_sheet(in, 30, _i == 1);
+    mn_simplify_desc desc = {.temp_dir = "."};
+    ck_assert_msg(mn_vdt_make(in, NULL, &desc, NULL, &vdt, &st) == MN_OK, "%s", st.text);
+    const mn_tree *head = mn_vdt_head(vdt);
+    ck_assert_uint_eq(head->leaves, 900);
+    ck_assert_uint_eq(head->triangles, 2 * 29 * 29);
+    ck_assert_uint_eq(head->roots, 1);
+    ck_assert(head->leaf_position == NULL && head->left == NULL && head->corner == NULL);
+    ck_assert_uint_gt(mn_vdt_figures_of(vdt)->read.bytes_read, 0);
+    ck_assert_msg(mn_vdt_write(vdt, made, NULL, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_vdt_block(vdt, from_made, NULL, &header, &counts, &st) == MN_OK, "%s",
+                  st.text);
+    ck_assert_uint_eq(counts.bytes_written, header.file_bytes);
+    ck_assert_msg(mn_vdt_open(made, NULL, &file, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(mn_vdt_head(file)->depth_max, head->depth_max);
+    ck_assert_uint_eq(mn_vdt_head(file)->legal_last, head->legal_last);
+    ck_assert_msg(mn_vdt_block(file, from_file, NULL, NULL, NULL, &st) == MN_OK, "%s", st.text);
+    same_files(from_made, from_file);
+    ck_assert_msg(mn_vdt_write(file, again, NULL, &st) == MN_OK, "%s", st.text);
+    same_files(made, again);
+    ck_assert_msg(mn_verify(from_made, NULL, NULL, &result, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_verify(made, NULL, NULL, &result, &st) == MN_OK, "%s", st.text);
+    mn_vdt_close(vdt);
+    mn_vdt_close(file);
+}
+END_TEST
+
+START_TEST(what_cannot_be_made_is_refused) {
+    mn_status st = {0};
+    mn_vdt *vdt = NULL;
+    ck_assert_int_eq(mn_vdt_make("no such file", NULL, NULL, NULL, &vdt, &st), MN_BAD_INPUT);
+    ck_assert_ptr_null(vdt);
+    st.code = MN_OK;
+    ck_assert_int_eq(mn_vdt_open("no such file", NULL, &vdt, &st), MN_BAD_INPUT);
+    ck_assert_ptr_null(vdt);
+    write_sheet(fixture_path("small.ply"), 30, false);
+    st.code = MN_OK;
+    mn_simplify_desc desc = {.temp_dir = ".", .ram_bytes = 1000};
+    ck_assert_int_eq(mn_vdt_make(fixture_path("small.ply"), NULL, &desc, NULL, &vdt, &st),
+                     MN_CAP_TOO_SMALL);
+    ck_assert_ptr_null(vdt);
+    ck_assert_ptr_nonnull(strstr(st.text, "--ram"));
+}
+END_TEST
+
 int main(void) {
     Suite *s = suite_create("vdt");
     TCase *t = tcase_create("files");
@@ -185,6 +258,8 @@ int main(void) {
     tcase_add_test(t, any_shape_comes_back);
     tcase_add_test(t, rows_say_what_nodes_are);
     tcase_add_test(t, the_build_id_is_of_the_content);
+    tcase_add_loop_test(t, made_written_opened_and_blocked, 0, 2);
+    tcase_add_test(t, what_cannot_be_made_is_refused);
     suite_add_tcase(s, t);
     return suite_run(s);
 }
