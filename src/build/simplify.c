@@ -21,6 +21,7 @@
 
 #include "assert.h"
 #include "rounds.h"
+#include "unit.h"
 
 /* What k's own candidates cost rises with its quadric, but for rounding: so much below the old
  * bound is a bound still. */
@@ -592,7 +593,10 @@ static mn_code simplify_in_rounds(const mn_mesh *mesh, const mn_simplify_desc *d
 mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out,
                     mn_status *st) {
     memset(out, 0, sizeof *out);
-    uint64_t need = mn_simplify_need_bytes(mesh->vertices, mesh->triangles);
+    mn_mesh own = *mesh;
+    const int unit = mni_unit_of(mesh);
+    const uint64_t copy_bytes = unit != 0 ? (uint64_t)mesh->vertices * 12 : 0;
+    uint64_t need = mn_simplify_need_bytes(mesh->vertices, mesh->triangles) + copy_bytes;
     if (desc->ram_bytes > 0 && need > desc->ram_bytes)
         return mn_fail(st, MN_CAP_TOO_SMALL,
                        "simplifying %u vertices and %u triangles needs --ram %lluM", mesh->vertices,
@@ -604,11 +608,19 @@ mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *
             return mn_fail(st, MN_BAD_INPUT,
                            "vertex %zu lies %g from the origin; past %g scale the model down",
                            i / 3, (double)mesh->position[i], (double)COORDINATE_MAX);
+    if (unit != 0 && !mni_unit_apply(mesh, unit, &own))
+        return mn_fail(st, MN_FAILED, "out of memory for %u vertices", mesh->vertices);
     double started_s = now_s();
+    mn_simplify_desc left = *desc;
+    left.ram_bytes -= desc->ram_bytes > 0 ? copy_bytes : 0;
     bool whole =
-        desc->ram_bytes == 0 || whole_bytes(mesh->vertices, mesh->triangles) <= desc->ram_bytes;
-    mn_code code = desc->cell_vertices > 0 || !whole ? simplify_in_rounds(mesh, desc, out, st)
-                                                     : simplify_whole(mesh, desc, out, st);
+        left.ram_bytes == 0 || whole_bytes(mesh->vertices, mesh->triangles) <= left.ram_bytes;
+    mn_code code = desc->cell_vertices > 0 || !whole ? simplify_in_rounds(&own, &left, out, st)
+                                                     : simplify_whole(&own, &left, out, st);
+    if (unit != 0) {
+        mni_unit_undo(out, unit);
+        free(own.position);
+    }
     if (code == MN_OK)
         out->counts.seconds_simplify = now_s() - started_s;
     return code;

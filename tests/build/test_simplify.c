@@ -374,6 +374,38 @@ static void check_same(const mn_tree *a, const mn_tree *b) {
     ck_assert_mem_eq(a->corner, b->corner, a->simplices * 3 * sizeof *a->corner);
 }
 
+static void scale(float *x, size_t count, int exponent) {
+    for (size_t i = 0; i < count; i++)
+        x[i] = ldexpf(x[i], exponent);
+}
+
+/* The unit of length is nobody's business: the same tree in nanometres and in light years. */
+START_TEST(a_model_in_any_unit) {
+    static const int exponents[] = {-100, -60, -30, 20, 40, 55};
+    model m = sheet(20);
+    mn_tree first, other;
+    mn_status st = {0};
+    mn_simplify_desc desc = {.metric = (mn_metric)(_i % 2), .cell_vertices = _i < 2 ? 0 : 100};
+    m.mesh.grid_step = 0x1p-23f;
+    ck_assert_msg(mn_simplify(&m.mesh, &desc, &first, &st) == MN_OK, "%s", st.text);
+    for (size_t i = 0; i < sizeof exponents / sizeof exponents[0]; i++) {
+        model scaled = sheet(20);
+        scale(scaled.mesh.position, 3 * (size_t)scaled.mesh.vertices, exponents[i]);
+        scaled.mesh.grid_step = ldexpf(m.mesh.grid_step, exponents[i]);
+        ck_assert_msg(mn_simplify(&scaled.mesh, &desc, &other, &st) == MN_OK, "%s", st.text);
+        ck_assert_float_eq(other.grid_step, scaled.mesh.grid_step);
+        scale(other.leaf_position, 3 * (size_t)other.leaves, -exponents[i]);
+        scale(other.switch_value, other.inner, -exponents[i]);
+        scale(other.radius, other.inner, -exponents[i]);
+        check_same(&first, &other);
+        mn_tree_free(&other);
+        free_model(&scaled);
+    }
+    mn_tree_free(&first);
+    free_model(&m);
+}
+END_TEST
+
 /* The tree is the mesh's and the cells', not the threads' or the memory's. */
 START_TEST(rounds_are_the_same_in_any_number_of_threads) {
     model m = _i == 0 ? sheet(60) : fins();
@@ -597,6 +629,7 @@ int main(void) {
     tcase_add_loop_test(tc, every_kind_of_mesh, 0, (int)(sizeof makers / sizeof makers[0]));
     tcase_add_loop_test(tc, packing_at_any_moment, 0, (int)(sizeof makers / sizeof makers[0]));
     tcase_add_test(tc, open_sheet);
+    tcase_add_loop_test(tc, a_model_in_any_unit, 0, 4);
     tcase_add_loop_test(tc, rounds_are_the_same_in_any_number_of_threads, 0, 2);
     tcase_add_loop_test(tc, rounds_count_edges_once, 0, (int)(sizeof makers / sizeof makers[0]));
     tcase_add_test(tc, rounds_end_when_they_must);
