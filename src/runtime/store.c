@@ -17,7 +17,8 @@ struct mni_store {
     uint32_t places; /* place holders, when they are fewer than blocks; else 0 */
     /* Navigate only */
     mni_ancestors table;
-    bool table_full; /* what the last MNI_REFUSED was about, and no block */
+    bool table_full;              /* what the last MNI_REFUSED was about, and no block */
+    mni_entry root[MN_ROOTS_MAX]; /* of their blocks, in use from open on */
 };
 
 static const mni_store_kind *kind_of(mn_store_kind kind) {
@@ -32,7 +33,7 @@ static const mni_store_kind *kind_of(mn_store_kind kind) {
     return &mni_store_paged;
 }
 
-/* ---- size, open, close ---------------------------------------------------------------------- */
+/* ---- size ----------------------------------------------------------------------------------- */
 
 static uint32_t root_blocks(const mn_header *header) {
     uint32_t count = 0;
@@ -69,33 +70,7 @@ static bool ref_is_sound(const mn_header *header, mn_block_ref ref) {
            ((uint64_t)ref.id + ref.pages) * MN_PAGE_BYTES <= header->file_bytes;
 }
 
-mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store **out,
-                       mn_status *st) {
-    *out = NULL;
-    for (uint32_t r = 0; r < desc->header->roots; r++)
-        if (!ref_is_sound(desc->header, desc->header->root[r].block))
-            return mn_fail(st, MN_BAD_INPUT,
-                           "%s: root %u: its block is not in the file; copy or "
-                           "build it again",
-                           desc->path, r);
-    mni_store *store = mni_arena_take(arena, 1, sizeof *store, _Alignof(mni_store));
-    store->kind = kind_of(desc->kind);
-    store->header = desc->header;
-    store->places = desc->kind == MN_STORE_PAGED && desc->k < desc->header->blocks ? desc->k : 0;
-    mni_ancestors_open(&store->table, mni_store_entries_max(desc->header, desc->kind, desc->k),
-                       arena);
-    mn_code code = store->kind->open(desc, arena, &store->blocks, st);
-    if (code == MN_OK)
-        *out = store;
-    return code;
-}
-
-void mni_store_close(mni_store *store) {
-    if (store != NULL)
-        store->kind->close(store->blocks);
-}
-
-/* ---- into use and out of it ----------------------------------------------------------------- */
+/* ---- into use ------------------------------------------------------------------------------- */
 
 static mni_wish wish_for(const mni_store *store, mni_way way, mn_block_ref ref, mni_entry parent) {
     const mni_ancestors *table = &store->table;
@@ -133,12 +108,54 @@ static mni_answer down(mni_store *store, mni_entry parent, mn_block_ref ref, mni
     return answer;
 }
 
-mni_entry mni_store_root(mni_store *store, uint32_t r) {
+/* ---- open, close ---------------------------------------------------------------------------- */
+
+/* The kind has loaded and checked them; but a header may say of any block that it is a root's. */
+static mn_code take_roots(mni_store *store, const char *path, mn_status *st) {
+    for (uint32_t r = 0; r < store->header->roots; r++)
+        if (down(store, MNI_NO_ENTRY, store->header->root[r].block, &store->root[r]) != MNI_GRANTED)
+            return mn_fail(st, MN_BAD_INPUT,
+                           "%s: root %u: block %u is no root's; copy or build it again", path, r,
+                           store->header->root[r].block.id);
+    return MN_OK;
+}
+
+mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store **out,
+                       mn_status *st) {
+    *out = NULL;
+    for (uint32_t r = 0; r < desc->header->roots; r++)
+        if (!ref_is_sound(desc->header, desc->header->root[r].block))
+            return mn_fail(st, MN_BAD_INPUT,
+                           "%s: root %u: its block is not in the file; copy or "
+                           "build it again",
+                           desc->path, r);
+    mni_store *store = mni_arena_take(arena, 1, sizeof *store, _Alignof(mni_store));
+    store->kind = kind_of(desc->kind);
+    store->header = desc->header;
+    store->places = desc->kind == MN_STORE_PAGED && desc->k < desc->header->blocks ? desc->k : 0;
+    mni_ancestors_open(&store->table, mni_store_entries_max(desc->header, desc->kind, desc->k),
+                       arena);
+    mn_code code = store->kind->open(desc, arena, &store->blocks, st);
+    if (code != MN_OK)
+        return code;
+    code = take_roots(store, desc->path, st);
+    if (code == MN_OK)
+        *out = store;
+    else
+        store->kind->close(store->blocks);
+    return code;
+}
+
+void mni_store_close(mni_store *store) {
+    if (store != NULL)
+        store->kind->close(store->blocks);
+}
+
+/* ---- into use and out of it ----------------------------------------------------------------- */
+
+mni_entry mni_store_root(const mni_store *store, uint32_t r) {
     MN_ASSERT(r < store->header->roots);
-    mni_entry entry = MNI_NO_ENTRY;
-    mni_answer answer = down(store, MNI_NO_ENTRY, store->header->root[r].block, &entry);
-    MN_ASSERT(answer == MNI_GRANTED); /* open has loaded and checked it */
-    return entry;
+    return store->root[r];
 }
 
 mni_answer mni_store_down(mni_store *store, mni_entry parent, mn_block_ref ref, mni_entry *out) {

@@ -89,13 +89,13 @@ uint32_t mni_store_entries_max(const mn_header *header, mn_store_kind kind, uint
 
 /* Opens the file, starts the I/O thread, loads the root blocks and, with MN_PREFETCH_AHEAD, the top
  * of the tree (the one wait); otherwise asks for the roots' children. The arena must have
- * mni_store_need_bytes left. MN_BAD_INPUT: a root block is damaged. */
+ * mni_store_need_bytes left. MN_BAD_INPUT: a root block is damaged, or is none. */
 mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store **out,
                        mn_status *st);
 void mni_store_close(mni_store *store);
 
-/* The root block of root r: usage + 1. Only at start, when it is resident. */
-mni_entry mni_store_root(mni_store *store, uint32_t r);
+/* The root block of root r, which counts the root from open on. */
+mni_entry mni_store_root(const mni_store *store, uint32_t r);
 
 /* Switch down: brings child block `ref` of the block at `parent` into use: finds it in physical
  * memory (second chance included), makes or finds its entry, usage + 1. parent has usage above 0.

@@ -116,6 +116,36 @@ START_TEST(damaged_root_is_bad_input) {
 }
 END_TEST
 
+static void refused_roots(const made_file *file, mn_store_kind kind) {
+    made_file lying = *file;
+    mni_store_desc desc = {.kind = kind, .io = MN_IO_PREAD, .k = file->blocks};
+    walker w;
+    ck_assert(!walker_open(&w, &lying, desc));
+    ck_assert_int_eq(w.status.code, MN_BAD_INPUT);
+}
+
+/* A header with a good checksum may name any sound block as a root's: one that is no meta-node, one
+ * that has a parent, one of another length than it has. */
+START_TEST(a_root_that_is_none_is_bad_input) {
+    made_file file;
+    made_desc made = SMALL;
+    made.roots = 2;
+    made_file_make(&file, &made);
+    const mn_block_ref root = file.header.root[0].block;
+    for (uint32_t b = 0; b < file.blocks; b++) {
+        file.header.root[1].block = file.block[b].ref;
+        if (file.block[b].parent != MN_NONE)
+            refused_roots(&file, (mn_store_kind)_i);
+    }
+    for (uint32_t pages = 1; pages <= made.pages_max; pages++) {
+        file.header.root[1].block = (mn_block_ref){root.id, pages};
+        if (pages != root.pages)
+            refused_roots(&file, (mn_store_kind)_i);
+    }
+    made_file_free(&file);
+}
+END_TEST
+
 START_TEST(cut_file_is_bad_input) {
     made_file file;
     made_file_make(&file, &SMALL);
@@ -153,6 +183,8 @@ int main(void) {
                         MN_STORE_RESIDENT + 1);
     tcase_add_loop_test(tests, repaired_block_comes_back, MN_STORE_PAGED, MN_STORE_MAPPED + 1);
     tcase_add_loop_test(tests, damaged_root_is_bad_input, MN_STORE_PAGED, MN_STORE_RESIDENT + 1);
+    tcase_add_loop_test(tests, a_root_that_is_none_is_bad_input, MN_STORE_PAGED,
+                        MN_STORE_RESIDENT + 1);
     tcase_add_loop_test(tests, cut_file_is_bad_input, MN_STORE_PAGED, MN_STORE_RESIDENT + 1);
     tcase_add_test(tests, too_few_place_holders);
     suite_add_tcase(suite, tests);
