@@ -130,7 +130,13 @@ int cmd_make(int argc, char **argv) {
         return cli_error(MN_USAGE, "make: --exaggeration '0' is not a factor above 0");
     desc.stride = (uint32_t)stride;
     desc.exaggeration = exaggeration;
-    if (strcmp(argv[optind], "subdivide") == 0)
+    const bool subdivide = strcmp(argv[optind], "subdivide") == 0;
+    if (!subdivide && times != 0)
+        return cli_error(MN_USAGE, "make %s: --times is for subdivide", argv[optind]);
+    if (subdivide && (desc.triangles != 0 || desc.seed != 0 || desc.etopo != NULL || stride != 0 ||
+                      exaggeration != 0))
+        return cli_error(MN_USAGE, "make subdivide: it takes --times and -o alone");
+    if (subdivide)
         return make_subdivide(argc - optind, argv + optind, times, out);
     return make_shape(argc - optind, argv + optind, &desc, out);
 }

@@ -98,6 +98,25 @@ static bool take_light(session_options *o, const char *value) {
     return isfinite(length) && length > 0;
 }
 
+/* As take. */
+static const char *take_weight(session_options *o, int option, const char *value) {
+    mn_weights *weights = &o->desc.weights;
+    switch (option) {
+    case SESSION_FRUSTUM:
+        return take_factor(value, 0, &weights->outside) ? NULL : "--frustum: " FACTOR;
+    case SESSION_CONES:
+        return take_factor(value, 0, &weights->away) ? NULL : "--cones: " FACTOR;
+    case SESSION_SILHOUETTES:
+        return take_factor(value, SESSION_TIGHTER, &weights->silhouette) ? NULL
+                                                                         : "--silhouettes: " FACTOR;
+    case SESSION_LIGHT:
+        return take_light(o, value) ? NULL : "--light: on, off, or a direction such as -1,1,1";
+    default:
+        return take_float(value, 1, FACTOR_MAX, &o->light_factor) ? NULL
+                                                                  : "--light-factor: 1 to 1000";
+    }
+}
+
 static bool take_choice(const char *value, const char *const *names, int *out) {
     *out = cli_choice(value, names);
     return *out >= 0;
@@ -158,18 +177,11 @@ static const char *take(session_options *o, int option, const char *value) {
     case SESSION_NAV_OPS:
         return cli_u64(value, 0, UINT64_MAX, &o->desc.nav_ops) ? NULL : "--nav-ops: a number";
     case SESSION_FRUSTUM:
-        return take_factor(value, 0, &o->desc.weights.outside) ? NULL : "--frustum: " FACTOR;
     case SESSION_CONES:
-        return take_factor(value, 0, &o->desc.weights.away) ? NULL : "--cones: " FACTOR;
     case SESSION_SILHOUETTES:
-        return take_factor(value, SESSION_TIGHTER, &o->desc.weights.silhouette)
-                   ? NULL
-                   : "--silhouettes: " FACTOR;
     case SESSION_LIGHT:
-        return take_light(o, value) ? NULL : "--light: on, off, or a direction such as -1,1,1";
     case SESSION_LIGHT_FACTOR:
-        return take_float(value, 1, FACTOR_MAX, &o->light_factor) ? NULL
-                                                                  : "--light-factor: 1 to 1000";
+        return take_weight(o, option, value);
     case SESSION_DEGRADE:
         if (!take_choice(value, on_off, &choice))
             return "--degrade: on or off";

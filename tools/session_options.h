@@ -3,11 +3,10 @@
  *
  *     session_options o;
  *     session_options_init(&o);
- *     static const struct option options[] = {SESSION_OPTIONS, {"csv", 1, NULL, 'c'}, {0, 0, 0,
- * 0}}; while ((found = cli_option(argc, argv, SESSION_OPTIONS_SHORT "h", options)) != -1) { if
- * (session_options_take(&o, argv[0], found, optarg, &code)) { … code … continue; } switch (found) {
- * … the command's own … }
- *     }
+ *     static const struct option options[] = {SESSION_OPTIONS, …, {0, 0, 0, 0}};
+ *     while ((found = cli_option(argc, argv, SESSION_OPTIONS_SHORT "h", options)) != -1)
+ *         if (session_options_take(&o, argv[0], found, optarg, &code)) … code …
+ *         else … one of the command's own …
  *     code = session_options_file(&o, argc, argv); */
 #ifndef METANODE_SESSION_OPTIONS_H
 #define METANODE_SESSION_OPTIONS_H
@@ -25,30 +24,31 @@ typedef struct session_options {
     float light_factor; /* for desc.weights, if light */
 } session_options;
 
-enum session_option { /* what cli_option returns for them; letters are free for the commands */
-                      SESSION_PATH = 256,
-                      SESSION_RAM,
-                      SESSION_STORE,
-                      SESSION_TOLERANCE,
-                      SESSION_TRIANGLES_MAX,
-                      SESSION_SIZE,
-                      SESSION_FOV,
-                      SESSION_FRAMES,
-                      SESSION_FPS,
-                      SESSION_NAV_OPS,
-                      SESSION_FRUSTUM,
-                      SESSION_CONES,
-                      SESSION_SILHOUETTES,
-                      SESSION_LIGHT,
-                      SESSION_LIGHT_FACTOR,
-                      SESSION_DEGRADE,
-                      SESSION_IO,
-                      SESSION_PREFETCH,
-                      SESSION_IO_SERIAL,
-                      SESSION_SEED,
-                      SESSION_BARRIER,
-                      SESSION_JSON,
-                      SESSION_OPTION_END, /* first value for a command's own long options */
+/* What cli_option returns for them; letters are free for the commands. */
+enum session_option {
+    SESSION_PATH = 256,
+    SESSION_RAM,
+    SESSION_STORE,
+    SESSION_TOLERANCE,
+    SESSION_TRIANGLES_MAX,
+    SESSION_SIZE,
+    SESSION_FOV,
+    SESSION_FRAMES,
+    SESSION_FPS,
+    SESSION_NAV_OPS,
+    SESSION_FRUSTUM,
+    SESSION_CONES,
+    SESSION_SILHOUETTES,
+    SESSION_LIGHT,
+    SESSION_LIGHT_FACTOR,
+    SESSION_DEGRADE,
+    SESSION_IO,
+    SESSION_PREFETCH,
+    SESSION_IO_SERIAL,
+    SESSION_SEED,
+    SESSION_BARRIER,
+    SESSION_JSON,
+    SESSION_OPTION_END, /* first value for a command's own long options */
 };
 
 enum { SESSION_TIGHTER = 2 }; /* on silhouettes and for the light, when nothing else is said */

@@ -82,7 +82,8 @@ enum { MN_POSITION_BITS = 16, MN_POSITION_BITS_MIN = 8, MN_POSITION_BITS_MAX = 2
  * power of two that cuts the longest side of the bounding box into at most 2^bits steps; bits 0:
  * MN_POSITION_BITS. No coordinate moves by more than half a step. Distinct positions that fall
  * together are added to intake.merged_positions; vertices stay apart, so triangles stay. Before
- * mn_simplify; a tree on no grid cannot be blocked. Takes 8 bytes a vertex and gives them back. */
+ * mn_simplify; a tree on no grid cannot be blocked. Takes 8 to 16 bytes a vertex and gives them
+ * back. */
 mn_code mn_mesh_quantise(mn_mesh *mesh, uint32_t bits, mn_status *st);
 
 /* ---- the view-dependence tree ------------------------------------------------------------- */

@@ -2,12 +2,11 @@
  * so that twins are neighbours, the first of the input first, and so that what is left lies along
  * the vertices' curve already. How its corners stood is kept in the same 16 bytes:
  *
- *   high: smallest place, middle one       low: largest << 33 | (3 × number + where the smallest
- * was)
- *                                               << 1 | whether the largest came right after it
+ *   high: smallest place, middle one
+ *   low:  largest << 33 | (3 × number + where the smallest was) << 1 | largest right after smallest
  *
- * Which places are used is a bit
- * each; with how many are before each eighth word of bits, that renumbers them.
+ * Which places are used is a bit each; with how many are before each eighth word of bits, that
+ * renumbers them.
  *
  * Secret: the packing, the bits. One thread. (design.md §3.1, §3.3) */
 #include "extintake.h"

@@ -85,9 +85,8 @@ static bool take_map(mni_extintake *x) {
 
 static bool sort_vertex(mni_extintake *x, mni_sort *sort, double scale, const double p[3],
                         uint32_t rgba, uint64_t number) {
-    if (isnan(p[0])) {
+    if (isnan(p[0]))
         return map_vertex(x, (uint32_t)number, MN_NONE);
-    }
     entry e = {.cell = cell_of(x, scale, p), .number = (uint32_t)number, .rgba = rgba};
     e.hash = x->apart ? number : XXH3_64bits(p, 3 * sizeof *p);
     if (mni_ext_is_wide(x))
@@ -182,6 +181,12 @@ bool mni_ext_place_vertices(mni_extintake *x) {
         sort_vertices(x, sort) && mni_sort_finish(sort, x->st) == MN_OK && weld_sorted(x, sort);
     mni_ext_sort_close(x, &sort);
     x->counts.welded_vertices = x->vertices - x->nonfinite - x->places;
+    if (ok && x->places > MNI_VERTICES_MAX) { /* a soup's: others have been counted as they came */
+        mn_fail(x->st, MN_BAD_INPUT,
+                "%s: has %llu vertices, more than the %llu that can be taken in", x->name,
+                (unsigned long long)x->places, (unsigned long long)MNI_VERTICES_MAX);
+        ok = false;
+    }
     return ok;
 }
 

@@ -19,10 +19,11 @@
 enum { MNI_SORT_RECORD_MAX = 512 };
 #define MNI_SORT_BUDGET_MIN (UINT64_C(32) << 10)
 
-typedef enum mni_sort_key { /* of the host's byte order, at the record's start */
-                            MNI_SORT_U32 = 0,
-                            MNI_SORT_U64,
-                            MNI_SORT_U128, /* the high u64, then the low one */
+/* Of the host's byte order, at the record's start. */
+typedef enum mni_sort_key {
+    MNI_SORT_U32 = 0,
+    MNI_SORT_U64,
+    MNI_SORT_U128, /* the high u64, then the low one */
 } mni_sort_key;
 
 typedef struct mni_sort_desc {

@@ -6,9 +6,11 @@
  * corners alone: no ambiguous case, so the surface is a closed manifold whatever the field. An edge
  * of a tetrahedron belongs to its lower corner, and goes one of seven ways from there:
  *
- *        y   xy                z     xz  yz  xyz       crossings are numbered as they are first
- * met; │ ╱                    in the slice above     numbers of two slices are in memory o ── x
+ *        y   xy                z     xz  yz  xyz
+ *        │ ╱                    in the slice above
+ *        o ── x
  *
+ * Crossings are numbered as they are first met; numbers of two slices are in memory.
  * Crossings keep away from the ends of their edges: no two vertices at one place, few slivers.
  * Of two slices it is kept which points are in the rock, a bit each, and where edges are crossed,
  * in hash tables: as many as the surface has crossings there, which grows with the slice's edge and

@@ -242,8 +242,8 @@ static bool add_hinge(mni_surface *s, uint32_t k, uint32_t w, uint32_t of) {
     }
     o[2] = MN_NONE;
     s->simplex[x] = (mni_simplex){{k, w, MN_NONE}, MN_NONE};
-    const uint32_t ends[2] = {k,
-                              w}; /* one by one: reserving may pack, which takes unused room back */
+    const uint32_t ends[2] = {k, w};
+    /* one by one: reserving may pack, which takes unused room back */
     for (int i = 0; i < 2; i++) {
         if (!reserve(s, ends[i], 1))
             return false;

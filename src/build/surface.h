@@ -9,9 +9,9 @@
  *   pool:  | v0's room | v1's room | …                 | free |
  *
  * A list that outgrows its room moves to the pool's free end; when that is used up the pool is
- * packed afresh. Order of calls: open (or room and index), then
- * collapse as one likes, close. One thread. Memory: 128
- * bytes a vertex, 52 a triangle, as much as the pool again while it is packed; hinges come on top.
+ * packed afresh. Order of calls: open (or room and index), then collapse as one likes, close. One
+ * thread. Memory: 128 bytes a vertex, 52 a triangle, as much as the pool again while it is packed;
+ * hinges come on top.
  */
 #ifndef MNI_SURFACE_H
 #define MNI_SURFACE_H

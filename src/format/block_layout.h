@@ -1,12 +1,13 @@
 /* The rows of a block, and how values become the numbers that stand in them. Shared by the decoder
  * (block.c), the checker (block_check.c) and the encoder (block_encode.c); nobody else.
  *
- *   head   0  nodes, subtrees, exits, more      4 × u32   more: simplices past two of a node
- *         16  flags                             u32       bit 0: colours; bits 8 … 15, 16 … 23: see
- * far 20  step of the grid                  f32 24  bases                             14 × u32 80
- * far                               u32       third corners that are far away 84  edges 33 × u16,
- * then two bytes 0 152  node rows | exit rows | subtree rows | more rows | far rows, each from a
- * whole byte on
+ *   head   0  nodes, subtrees, exits, more   4 × u32    more: simplices past two of a node
+ *         16  flags                          u32        bit 0: colours; bits 8 … 15, 16 … 23: below
+ *         20  step of the grid               f32
+ *         24  bases                          14 × u32
+ *         80  far                            u32        third corners that are far away
+ *         84  edges                          33 × u16, then two bytes 0
+ *        152  node rows | exit rows | subtree rows | more rows | far rows; each kind from a byte on
  *
  * Row i of a kind stands in bits [i × row, (i + 1) × row), least significant first; field f in bits
  * [edge f, edge f + 1) of its row. What belongs to a node lies in one or two lines of the cache:

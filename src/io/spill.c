@@ -87,6 +87,7 @@ mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count) {
 
 void mni_spill_put_slow(mni_spill_writer *w, const void *bytes, size_t count) {
     const unsigned char *from = bytes;
+    MN_ASSERT(w->buffer_bytes > 0);
     while (count > 0) {
         size_t part = w->buffer_bytes - w->used_bytes;
         if (part == 0) {

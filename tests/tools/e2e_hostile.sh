@@ -538,6 +538,9 @@ build good.obj -o x.mnt --nonsense
 make sphere --triangles 5kk -o x.ply
 make sphere --triangles 5Q -o x.ply
 make sphere --triangles 99999999999G -o x.ply
+make sphere --times 2 -o x.ply
+make subdivide good.obj --times 1 --triangles 5 -o x.ply
+make earth --seed 5 -o x.ply
 build good.obj -o
 build good.obj -o x.mnt --ram
 build good.obj -o x.mnt --ram lots
