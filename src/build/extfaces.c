@@ -259,9 +259,10 @@ bool mni_ext_faces_finish(mni_extintake *x) {
     count_used(x);
     if (!mni_intake_any_left(&x->counts, x->vertices, x->result.vertices, x->name, x->st))
         return false; /* no vertex is used, so no triangle is left */
-    bool ok = mni_ext_spill_open(x, &x->result.triangle) &&
-              mni_sort_finish(x->triangle_sort, x->st) == MN_OK && mni_ext_edges_open(x) &&
-              write_triangles(x);
+    bool ok =
+        mni_spill_open_kept(&x->result.triangle, x->desc.temp_dir, x->desc.keep, x->st) == MN_OK &&
+        mni_sort_finish(x->triangle_sort, x->st) == MN_OK && mni_ext_edges_open(x) &&
+        write_triangles(x);
     mni_ext_sort_close(x, &x->triangle_sort);
     ok = ok && mni_ext_edges_finish(x);
     mni_ext_edges_close(x);

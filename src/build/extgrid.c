@@ -118,7 +118,7 @@ static bool move_vertices(gridder *g, uint64_t *after) {
     mni_spill_reader r;
     mni_spill_writer w;
     const mni_extvertex *from;
-    if (mni_spill_open(&to, g->desc->temp_dir, g->st) != MN_OK)
+    if (mni_spill_open_kept(&to, g->desc->temp_dir, g->desc->keep, g->st) != MN_OK)
         return false;
     bool ok = open_sort(g, &sort);
     mni_spill_writer_open(&w, &to, g->buffer[1], g->buffer_bytes);

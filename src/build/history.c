@@ -15,10 +15,10 @@
 
 enum { CHUNK = 4096 }; /* collapses, or simplices, read at once */
 
-mn_code mni_history_open(mni_history *h, const char *temp_dir, mn_status *st) {
+mn_code mni_history_open(mni_history *h, const char *temp_dir, bool keep, mn_status *st) {
     *h = (mni_history){.collapse = {.fd = -1}, .killed = {.fd = -1}};
-    mn_code code = mni_spill_open(&h->collapse, temp_dir, st);
-    return code == MN_OK ? mni_spill_open(&h->killed, temp_dir, st) : code;
+    mn_code code = mni_spill_open_kept(&h->collapse, temp_dir, keep, st);
+    return code == MN_OK ? mni_spill_open_kept(&h->killed, temp_dir, keep, st) : code;
 }
 
 void mni_history_close(mni_history *h) {

@@ -15,7 +15,8 @@ typedef struct mni_history {
     uint64_t bytes_read, bytes_written; /* of temporary files, while it was made */
 } mni_history;
 
-mn_code mni_history_open(mni_history *history, const char *temp_dir, mn_status *st);
+/* keep: as kept spills. */
+mn_code mni_history_open(mni_history *history, const char *temp_dir, bool keep, mn_status *st);
 void mni_history_close(mni_history *history); /* harmless on a closed one */
 /* A cell that has been given its numbers. */
 mn_code mni_history_add(mni_history *history, const mni_cell *cell, mn_status *st);

@@ -663,7 +663,7 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     uint64_t read_before = mesh->vertex.bytes_read + mesh->triangle.bytes_read;
     MN_ASSERT(mesh->vertices > 1 && mesh->vertices < MNI_COLLAPSE);
     plan_memory(&r);
-    mn_code code = mni_history_open(out, desc->temp_dir, st);
+    mn_code code = mni_history_open(out, desc->temp_dir, desc->keep, st);
     if (code == MN_OK)
         code = all_rounds(&r);
     close_deal(&r);

@@ -30,6 +30,7 @@ typedef struct mni_rounds_desc {
     uint32_t threads;       /* 0: 1; fewer are used where memory has no room for their cells */
     uint64_t work_bytes;    /* all that is taken; 0: as much as keeps off the disk */
     const char *temp_dir;   /* outlives *out */
+    bool keep;              /* *out is of kept spills */
     mn_progress progress;
     void *progress_context;
 } mni_rounds_desc;

@@ -121,6 +121,13 @@ mn_code mni_spill_keep(mni_spill *spill, mn_status *st) {
     return MN_OK;
 }
 
+mn_code mni_spill_open_kept(mni_spill *spill, const char *dir, bool keep, mn_status *st) {
+    mn_code code = mni_spill_open(spill, dir, st);
+    if (code == MN_OK && keep && (code = mni_spill_keep(spill, st)) != MN_OK)
+        mni_spill_close(spill);
+    return code;
+}
+
 uint64_t mni_spill_sum(const mni_spill *spill) {
     MN_ASSERT(spill->sum != NULL);
     return XXH3_64bits_digest(spill->sum);

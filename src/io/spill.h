@@ -47,6 +47,8 @@ mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count);
 /* Of an open spill in which nothing is yet: it may be named later, and no reader discards of it.
  * Costs a small allocation and a checksum of what is written. MN_FAILED: no memory. */
 mn_code mni_spill_keep(mni_spill *spill, mn_status *st);
+/* Open, and keep if so. */
+mn_code mni_spill_open_kept(mni_spill *spill, const char *dir, bool keep, mn_status *st);
 /* XXH3 of all that was written; of a kept spill. */
 uint64_t mni_spill_sum(const mni_spill *spill);
 /* Gives a kept spill a name in the folder (on the same disk), which must be free there. The spill
