@@ -28,6 +28,7 @@ int cmd_shoot(int argc, char **argv);
 int cmd_view(int argc, char **argv);
 int cmd_make(int argc, char **argv);
 int cmd_compare(int argc, char **argv);
+int cmd_stress(int argc, char **argv);
 int cmd_bench(int argc, char **argv);
 
 /* Prints "metanode: …" on standard error and returns the code. */

@@ -20,6 +20,7 @@ static const cli_command commands[] = {
     {"replay", cmd_replay, "navigates along a path without a window, with figures"},
     {"view", cmd_view, "the window"},
     {"shoot", cmd_shoot, "one picture of a path, without a display"},
+    {"stress", cmd_stress, "tiny memory, wild cameras, failing disks, everything checked"},
     {"bench", cmd_bench, "measurements that the documents quote"},
     {NULL, NULL, NULL},
 };

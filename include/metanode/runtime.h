@@ -179,6 +179,11 @@ void mn_session_set_size(mn_session *session, uint32_t width_px, uint32_t height
 void mn_session_set_triangles_max(mn_session *session, uint64_t triangles_max);
 /* From the next frame on. */
 void mn_session_set_weights(mn_session *session, const mn_weights *weights);
+/* Between frames, `paged`: takes a chunk of place holders out of service and gives its memory back
+ * to the system, or into service again. false: not now (what is in use needs them all), or there is
+ * none. Allocates nothing. */
+bool mn_session_shrink(mn_session *session);
+bool mn_session_grow(mn_session *session);
 bool mn_session_at_roots(const mn_session *session);
 void mn_session_stats_get(const mn_session *session, mn_session_stats *out);
 /* All invariants of design.md §6 that a front and a pool can show, by full recount. Asserts. */

@@ -293,6 +293,14 @@ void mn_session_drain(mn_session *s) {
     mni_store_drain(s->store);
 }
 
+bool mn_session_shrink(mn_session *s) {
+    return mni_store_shrink(s->store);
+}
+
+bool mn_session_grow(mn_session *s) {
+    return mni_store_grow(s->store);
+}
+
 void mn_session_set_tolerance(mn_session *s, float tolerance_px) {
     MN_ASSERT(!isnan(tolerance_px));
     s->tolerance_px = tolerance_px;

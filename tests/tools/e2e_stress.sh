@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# Goal: stress holds on sound files of both policies, replays by its seed, and says plainly what it
+# cannot do. Method: short stresses of a made model through the program.
+source "$(dirname "$0")/e2e_lib.sh"
+
+expect 0 make make sphere --triangles 6000 -o "$scratch/s.ply"
+expect 0 packed build "$scratch/s.ply" --block-bytes 4K -o "$scratch/packed.mnt"
+expect 0 levels build "$scratch/s.ply" --blocking levels -L 3 -o "$scratch/levels.mnt"
+
+for policy in packed levels; do
+    file=$scratch/$policy.mnt
+    expect 0 "$policy, by lot" stress "$file" --runs 12 --frames 60 --json
+    check "$policy: json" grep -q '"held": true' "$out"
+    check "$policy: so many runs" grep -q '"runs": 12,' "$out"
+    expect 0 "$policy, least memory" stress "$file" --runs 6 --frames 60 -K min
+    check "$policy: words" grep -q 'every invariant after every frame' "$out"
+    # On the simulated disk a seed says everything.
+    for run in 1 2; do
+        expect 0 "$policy, seed" stress "$file" --runs 1 --seed 77 --io sim --json
+        grep -v seconds "$out" >"$scratch/$run.json"
+    done
+    check "$policy: the same again" cmp "$scratch/1.json" "$scratch/2.json"
+done
+
+head -c 20000 "$scratch/packed.mnt" >"$scratch/cut.mnt"
+expect 3 "cut file" stress "$scratch/cut.mnt" --runs 1
+expect 3 "no such file" stress "$scratch/none.mnt" || true
+expect 2 "too few place holders" stress "$scratch/packed.mnt" -K 1 --runs 1
+expect 2 "no file" stress
+expect 2 "no number" stress "$scratch/packed.mnt" -K some
+
+finish
