@@ -23,16 +23,18 @@ enum {
     IMAGES_EVERY,
     SETTLE,
     PACED,
+    OPEN,
     STDIO_BYTES = 1 << 14,
     SETTLE_FRAMES_MAX = 1 << 20,
-    FOLDOVER_SAMPLES = 8, /* frames of a run whose foldovers are counted: each is slow */
+    OPENING_FRAMES_MAX = 1 << 12, /* one takes some ten; a budget of few operations, many */
+    FOLDOVER_SAMPLES = 8,         /* frames of a run whose foldovers are counted: each is slow */
 };
 
 typedef struct replay {
     session_options options;
     const char *csv_name, *trace_name, *images_dir;
     uint64_t images_every;
-    bool settle, paced;
+    bool settle, paced, from_roots;
 
     mn_path *path;
     mn_session *session;
@@ -44,15 +46,19 @@ typedef struct replay {
 } replay;
 
 static void help(void) {
-    printf("usage: metanode replay FILE.mnt --path P [OPTION …]\n\n"
-           "Navigates along a path without a window, and prints how it went.\n\n%s"
-           "  --settle          then let the last camera stand until settled, and go to the roots\n"
-           "  --paced           frames in real time even where no disk needs it: to compare times\n"
-           "  --csv F           a row a frame\n"
-           "  --trace F         what happens to place holders, event by event\n"
-           "  --images DIR      a picture a frame, DIR/frame-000000.png …\n"
-           "  --images-every N  of every Nth frame only, from the first (1)\n",
-           session_options_help);
+    printf(
+        "usage: metanode replay FILE.mnt --path P [OPTION …]\n\n"
+        "Navigates along a path without a window, and prints how it went.\n\n%s"
+        "  --settle          then let the last camera stand until settled, and go to the roots\n"
+        "  --open O          settled: before the first frame its camera stands until all is there\n"
+        "                    (default); roots: the first frame begins with the roots\n"
+        "  --paced           frames in real time even where no disk needs it, and nothing counted\n"
+        "                    between them that takes long: to compare times\n"
+        "  --csv F           a row a frame\n"
+        "  --trace F         what happens to place holders, event by event\n"
+        "  --images DIR      a picture a frame, DIR/frame-000000.png …\n"
+        "  --images-every N  of every Nth frame only, from the first (1)\n",
+        session_options_help);
 }
 
 /* ---- options --------------------------------------------------------------------------------- */
@@ -66,9 +72,11 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
                                             {"images-every", required_argument, NULL, IMAGES_EVERY},
                                             {"settle", no_argument, NULL, SETTLE},
                                             {"paced", no_argument, NULL, PACED},
+                                            {"open", required_argument, NULL, OPEN},
                                             {"help", no_argument, NULL, 'h'},
                                             {0, 0, 0, 0}};
-    int found;
+    static const char *const opens[] = {"settled", "roots", NULL};
+    int found, open;
     *code = MN_OK;
     session_options_init(&r->options);
     r->images_every = 1;
@@ -100,6 +108,14 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
             break;
         case PACED:
             r->paced = true;
+            break;
+        case OPEN:
+            open = cli_choice(optarg, opens);
+            if (open < 0) {
+                *code = cli_error(MN_USAGE, "replay: --open '%s': settled or roots", optarg);
+                return false;
+            }
+            r->from_roots = open == 1;
             break;
         case 'h':
             help();
@@ -150,7 +166,7 @@ static mn_code open_all(replay *r, mn_status *st) {
     if (recorded > 0 && !o->frames_given)
         o->frames = recorded;
     o->desc.base_bytes = sizeof *r + 2 * (uint64_t)recorded * sizeof(mn_camera);
-    o->desc.wide_front_over_wanted = true;
+    o->desc.wide_front_over_wanted = !r->paced;
     if (r->trace_name != NULL) {
         code = trace_open(r->trace_name, &r->trace, st);
         o->desc.base_bytes += trace_bytes();
@@ -194,7 +210,7 @@ static mn_code image(replay *r, uint32_t frame, const mn_camera *camera, mn_stat
 }
 
 static void foldovers(replay *r) {
-    if (r->options.desc.store != MN_STORE_RESIDENT)
+    if (r->options.desc.store != MN_STORE_RESIDENT || r->paced)
         return;
     uint64_t legal = 0, count = mn_session_foldovers(r->session, &legal);
     replay_figures *f = &r->figures;
@@ -203,7 +219,8 @@ static void foldovers(replay *r) {
 }
 
 /* A disk in real time needs frames in real time; the simulated one has a clock of its own, and with
- * a barrier a frame takes what it takes. */
+ * a barrier a frame takes what it takes. A frame that is late makes those after it as late, not
+ * quicker: a disk would have less time for them, and caches stay warm from one to the next. */
 static void pace(const replay *r, struct timespec *due) {
     const mn_session_desc *d = &r->options.desc;
     const bool no_disk = d->io == MN_IO_SIM || d->barrier || d->store == MN_STORE_RESIDENT;
@@ -212,8 +229,42 @@ static void pace(const replay *r, struct timespec *due) {
     int64_t ns = due->tv_nsec + (int64_t)(1e9 / (double)d->fps);
     due->tv_sec += (time_t)(ns / 1000000000);
     due->tv_nsec = (long)(ns % 1000000000);
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    if (now.tv_sec > due->tv_sec || (now.tv_sec == due->tv_sec && now.tv_nsec > due->tv_nsec))
+        *due = now;
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, due, NULL) == EINTR)
         continue;
+}
+
+static double seconds_now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* A path is a part of a navigation, not its start: so what the first picture needs is there before
+ * the first frame, and is told apart. */
+static mn_code opening(replay *r, mn_status *st) {
+    replay_figures *f = &r->figures;
+    mn_session_stats before, after;
+    mn_frame_stats stats = {.changed = true};
+    mn_camera camera;
+    mn_code code = MN_OK;
+    double from = seconds_now();
+    mn_path_camera(r->path, 0, r->options.frames, &camera);
+    mn_session_stats_get(r->session, &before);
+    while (stats.changed && f->opening_frames < OPENING_FRAMES_MAX && code == MN_OK) {
+        (void)mn_session_opening(r->session, &camera, &stats);
+        f->opening_frames++;
+        f->opening_misses += stats.misses;
+        if (r->trace != NULL)
+            code = trace_flush(r->trace, 0, st);
+    }
+    mn_session_stats_get(r->session, &after);
+    f->opening_reads = after.reads - before.reads;
+    f->opening_seconds = seconds_now() - from;
+    return code;
 }
 
 static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
@@ -277,6 +328,7 @@ static void finish(replay *r) {
     f->gl_rss_bytes = r->picture.load.rss_bytes;
     f->rss_peak_bytes = f->has_gl ? r->picture.load.own_peak_bytes : cli_rss_peak_bytes();
     f->store = r->options.desc.store;
+    f->has_foldovers = f->store == MN_STORE_RESIDENT && !r->paced;
     f->prefetch = r->options.desc.prefetch;
     f->l = mn_session_header(r->session)->l;
     f->block_bytes_max = mn_session_header(r->session)->block_bytes_max;
@@ -302,6 +354,8 @@ int cmd_replay(int argc, char **argv) {
         cli_alloc_mark();
         if (code == MN_OK && !r->options.json)
             say_plan(r);
+        if (code == MN_OK && !r->from_roots)
+            code = opening(r, &st);
         if (code == MN_OK)
             code = run_frames(r, &camera, &st);
         if (code == MN_OK && r->settle)

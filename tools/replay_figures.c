@@ -127,6 +127,10 @@ static double mean_of(double sum, uint64_t frames) {
 }
 
 static void json_frames(json *j, const replay_figures *f) {
+    json_u64(j, "opening_frames", f->opening_frames);
+    json_u64(j, "opening_misses", f->opening_misses);
+    json_u64(j, "opening_reads", f->opening_reads);
+    json_f64(j, "opening_seconds", f->opening_seconds);
     json_u64(j, "frames", f->frames);
     json_f64(j, "adapt_mean", mean_of((double)f->adapt, f->frames));
     json_f64(j, "triangles_mean", mean_of((double)f->triangles, f->frames));
@@ -218,7 +222,7 @@ void figures_json(const replay_figures *f, FILE *out) {
     }
     json_u64(&j, "allocations_after_seal", f->allocations_after_seal);
     json_str(&j, "store", store_name(f->store));
-    if (f->store == MN_STORE_RESIDENT) {
+    if (f->has_foldovers) {
         json_u64(&j, "foldovers", f->foldovers);
         json_u64(&j, "foldovers_legal", f->foldovers_legal);
     } else {
@@ -248,6 +252,9 @@ void figures_plan(const mn_plan *plan, uint32_t block_bytes_max, FILE *out) {
 
 void figures_table(const replay_figures *f, FILE *out) {
     const mn_session_stats *t = &f->totals;
+    if (f->opening_frames > 0)
+        fprintf(out, "opening    %" PRIu64 " frames, %" PRIu64 " reads, %.3f s\n",
+                f->opening_frames, f->opening_reads, f->opening_seconds);
     fprintf(out, "%-10s %" PRIu64 " frames, %.1f splits and collapses each\n", store_name(f->store),
             f->frames, mean_of((double)f->adapt, f->frames));
     fprintf(out, "triangles  %.0f on average, %" PRIu64 " at most\n",
@@ -282,7 +289,7 @@ void figures_table(const replay_figures *f, FILE *out) {
         fprintf(out, "; GL %.2f MB apart, %.1f kB sent a picture", mega(f->gl_rss_bytes),
                 mean_of((double)f->gl_sent_bytes / 1024, f->gl_fronts));
     fprintf(out, "; %" PRIu64 " allocations after the start\n", f->allocations_after_seal);
-    if (f->store == MN_STORE_RESIDENT)
+    if (f->has_foldovers)
         fprintf(out, "foldovers  %" PRIu64 ", %" PRIu64 " of them legal\n", f->foldovers,
                 f->foldovers_legal);
     if (f->settled)

@@ -29,9 +29,11 @@ typedef struct replay_figures {
         gl_sent_bytes; /* handed to the driver: by the command, a picture at a time */
 
     /* filled by the command at the end */
+    uint64_t opening_frames, opening_misses, opening_reads; /* before the first frame */
+    double opening_seconds;
     uint64_t settle_frames, foldovers, foldovers_legal, front_hash;
     uint64_t rss_peak_bytes, gl_rss_bytes, allocations_after_seal;
-    bool settled, back_at_roots, has_gl;
+    bool settled, back_at_roots, has_gl, has_foldovers;
     mn_store_kind store;
     mn_plan plan;
     mn_session_stats totals;

@@ -2,8 +2,9 @@
  *
  * A session is one open file with its store, its front and its I/O thread. Two sessions fit in one
  * process. Threads: all calls on a session belong to one thread (Navigate, the one that owns GL);
- * the I/O thread is the session's own. Only mn_session_open (and, with barrier or io_serial,
- * mn_session_frame) waits for a disk. Nothing is allocated after mn_session_open returns. */
+ * the I/O thread is the session's own. Only mn_session_open, opening, settle and drain (and,
+ * with barrier or io_serial, mn_session_frame) wait for a disk. Nothing is allocated after
+ * mn_session_open returns. */
 #ifndef METANODE_RUNTIME_H
 #define METANODE_RUNTIME_H
 
@@ -166,6 +167,11 @@ const mn_header *mn_session_header(const mn_session *session);
 /* One frame: evaluate, collapse, split, ask for blocks. Never waits for a disk (barrier and
  * io_serial excepted). stats may be NULL. */
 void mn_session_frame(mn_session *session, const mn_camera *camera, mn_frame_stats *stats);
+/* Before the first frame: one round with a standing camera, and what it has asked for is read. The
+ * round's figures in *stats (may be NULL); it counts as no frame, in no total but the store's.
+ * false: nothing has changed and nothing is to come, so that a first frame with that camera finds
+ * everything. Waits for the disk. */
+bool mn_session_opening(mn_session *session, const mn_camera *camera, mn_frame_stats *stats);
 /* Frames with a standing camera until nothing changes and nothing is read, at most frames_max.
  * Returns the frames that it took. Waits for the disk between them. */
 uint32_t mn_session_settle(mn_session *session, const mn_camera *camera, uint32_t frames_max);

@@ -2,7 +2,7 @@
  *
  * Hides: how these are put together, and what a frame's figures are made of.
  *
- * Order of calls: open; then frame, settle, front, stats, check in any order; close.
+ * Order of calls: open; opening; then frame, settle, front, stats, check in any order; close.
  * Threads: all calls from one thread (Navigate); the I/O thread is the store's.
  * Memory: the session itself, and one arena of the size that the plan says, sealed at the end of
  * open. Nothing is allocated after that. Under a cap huge pages are refused: they would make memory
@@ -274,6 +274,16 @@ void mn_session_frame(mn_session *s, const mn_camera *camera, mn_frame_stats *st
         *stats = here;
     }
     s->frame++;
+}
+
+bool mn_session_opening(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
+    MN_ASSERT(s->frame == 0);
+    mn_frame_stats here = {0};
+    here.changed = navigate(s, camera, &here);
+    mni_store_drain(s->store);
+    if (stats != NULL)
+        *stats = here;
+    return here.changed;
 }
 
 uint32_t mn_session_settle(mn_session *s, const mn_camera *camera, uint32_t frames_max) {

@@ -146,6 +146,47 @@ START_TEST(figures) {
 }
 END_TEST
 
+/* What is done before the first frame is in no frame's figures; the first finds nothing to do, with
+ * the front of a session that got there in frames. */
+START_TEST(opening) {
+    model m;
+    model_make(&m, (model_shape)_i, 2100, &blockings[_i % BLOCKINGS]);
+    mn_camera camera = model_camera(&m, 0.3, 1.5);
+    uint64_t hash[2];
+    for (int way = 0; way < 2; way++) {
+        mn_session_desc desc = model_desc(&m);
+        desc.store = MN_STORE_PAGED;
+        desc.io = way == 0 ? MN_IO_SIM : MN_IO_URING;
+        desc.seed = 5;
+        mn_session *s = model_open(&desc);
+        mn_frame_stats f = {0};
+        uint64_t adapt = 0;
+        uint32_t rounds = 0;
+        if (way == 1) {
+            ck_assert_uint_lt(mn_session_settle(s, &camera, ENOUGH), ENOUGH);
+        } else {
+            while (mn_session_opening(s, &camera, &f)) {
+                adapt += f.adapt;
+                ck_assert_uint_lt(++rounds, ENOUGH);
+            }
+            ck_assert(adapt > 100 && f.adapt == 0);
+        }
+        mn_session_frame(s, &camera, &f);
+        hash[way] = f.front_hash;
+        ck_assert(f.adapt == 0 && f.misses == 0 && !f.changed);
+        if (way == 0) {
+            mn_session_stats total;
+            mn_session_stats_get(s, &total);
+            ck_assert(f.frame == 0 && total.frames == 1 && total.misses == 0 && total.adapt == 0);
+            ck_assert_uint_gt(total.reads, f.reads);
+        }
+        mn_session_close(s);
+    }
+    ck_assert_uint_eq(hash[0], hash[1]);
+    model_free(&m);
+}
+END_TEST
+
 START_TEST(refusals) {
     model m;
     model_make(&m, MODEL_TORUS, 500, &blockings[0]);
@@ -253,6 +294,7 @@ int main(void) {
     tcase_add_loop_test(tc, one_front_in_all_stores, 0, MODEL_SHAPES);
     tcase_add_loop_test(tc, image_and_foldovers, 0, MODEL_SHAPES);
     tcase_add_loop_test(tc, figures, 0, 2);
+    tcase_add_loop_test(tc, opening, 0, MODEL_SHAPES);
     tcase_add_test(tc, refusals);
     tcase_add_loop_test(tc, lying_blocks, 0, MODEL_SHAPES);
     suite_add_tcase(suite, tc);

@@ -584,6 +584,7 @@ replay good.mnt --path orbit --fps -1
 replay good.mnt --path orbit --tolerance nan
 replay good.mnt --path orbit --nav-ops x
 replay good.mnt --path orbit --degrade perhaps
+replay good.mnt --path orbit --open slowly
 replay good.mnt --path orbit --frustum 0.5
 replay good.mnt --path orbit --cones perhaps
 replay good.mnt --path orbit --silhouettes 1001
