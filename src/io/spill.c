@@ -45,8 +45,9 @@ mn_code mni_spill_open(mni_spill *spill, const char *dir, mn_status *st) {
 }
 
 void mni_spill_close(mni_spill *spill) {
-    if (spill->fd >= 0)
-        close(spill->fd);
+    if (spill->fd < 0)
+        return; /* or moved to another, with its sum */
+    close(spill->fd);
     spill->fd = -1;
     XXH3_freeState(spill->sum);
     spill->sum = NULL;

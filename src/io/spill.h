@@ -37,7 +37,8 @@ typedef struct mni_spill {
 
 /* A file without a name in dir. MN_FAILED, MN_NO_SPACE: it cannot be made there. */
 mn_code mni_spill_open(mni_spill *spill, const char *dir, mn_status *st);
-/* Harmless on a closed one, and on {.fd = -1}. */
+/* Harmless on a closed one, on {.fd = -1}, and on one whose copy is used instead and whose fd has
+ * been set to -1. */
 void mni_spill_close(mni_spill *spill);
 /* Appends as it is, without a buffer. */
 mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count);

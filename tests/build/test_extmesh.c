@@ -12,6 +12,7 @@
 #include <string.h>
 #include <sys/resource.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #include "extmesh.h"
 
@@ -307,6 +308,21 @@ START_TEST(made_models) {
 }
 END_TEST
 
+/* What is kept has the sum of its bytes, and is the mesh's alone when the intake has gone. */
+START_TEST(kept_files_are_the_meshs) {
+    const mni_extmesh_desc desc = {.work_bytes = 1 << 20, .temp_dir = folder, .keep = true};
+    const mn_make_desc make = {.shape = MN_SHAPE_SPHERE, .triangles = 5000};
+    mn_status st = {0};
+    mni_extmesh x;
+    ck_assert_int_eq(mn_make(path, &make, &st), MN_OK);
+    ck_assert_msg(mni_extmesh_read(path, NULL, &desc, &x, &st) == MN_OK, "%s", st.text);
+    mni_exttriangle *t = load(&x.triangle, sizeof *t, x.triangles);
+    ck_assert_uint_eq(mni_spill_sum(&x.triangle), XXH3_64bits(t, x.triangles * sizeof *t));
+    free(t);
+    mni_extmesh_close(&x);
+}
+END_TEST
+
 /* ---- failures ------------------------------------------------------------------------------ */
 
 static int entries(void) {
@@ -372,6 +388,7 @@ int main(void) {
     tcase_add_test(tc, soups);
     tcase_add_loop_test(tc, real_meshes, 0, 5);
     tcase_add_loop_test(tc, made_models, 0, 3);
+    tcase_add_test(tc, kept_files_are_the_meshs);
     tcase_add_test(tc, full_disks);
     tcase_add_test(tc, no_folder);
     suite_add_tcase(suite, tc);
