@@ -21,9 +21,9 @@
  *
  * Hides: the grouping, and the room kept for references, whose number is known only after the exits
  * are grouped: a block that then turns out too long is filled again with more room kept.
- * Order: one call on an open plan; blocks are packed depth first, so that what was measured for a
- * trial is still there. One thread. Memory: 4 bytes an inner node, a few words an exit of one
- * block, and what MEASURES_MAX subtrees take or those of one block, when they are more. Paper:
+ * Order: the roots, then each block after its parent; depth first, so that what was measured for a
+ * trial is still there. What is still there decides about work, never about bytes. One thread.
+ * Memory: two drafts, a few words an exit of one block, and what MEASURES subtrees take. Paper:
  * §3.2, and what design.md §3.4 says of it. */
 #include <math.h>
 #include <stdlib.h>
@@ -39,9 +39,10 @@ enum {
     ENDED_TIMES = 12, /* nodes below a block, for one in it, that end in blocks right below it */
     SMALL_NODES = 1,  /* of a subtree that goes with its parent wherever that is */
     SMALL_NODES_MAX = 15, /* where a run needs a little less room */
-    MEASURES_MAX = 8192,  /* kept from one block to the next */
+    MEASURES = 4096,      /* kept: those of the runs of a block of 8 KiB */
+    NODE_BYTES_LEAST = 8, /* a whole subtree with less for each node is not looked for */
     CUT_STEPS = 32,       /* ends of a run are tried that are a 32nd of it apart */
-    WHOLE = INT32_MAX,    /* planned.small of a block that ends all its subtrees */
+    WHOLE = INT32_MAX,    /* run.small of a block that ends all its subtrees */
 };
 /* References kept room for, as a share of exits; the last always suffices. */
 static const double ref_share[] = {0.03, 0.2, 0.6, 1};
@@ -58,14 +59,8 @@ static const double RUN_SHARE = 0.25, /* subtrees in a run, for a node in a bloc
     SQUEEZE = 0.06; /* of a run's blocks: what larger SMALL_NODES can save */
 
 typedef struct candidate {
-    uint32_t node, depth, key;
+    uint32_t known, depth, key, order;
 } candidate;
-
-/* An exit of a block. */
-typedef struct item {
-    uint32_t node, leaf_lo;
-    uint32_t nodes; /* of its whole subtree */
-} item;
 
 /* A place where exits may be cut: before exit i. */
 typedef struct cut {
@@ -76,17 +71,18 @@ typedef struct cut {
 
 /* The exits of a block: in the order of their leaves, from where no run has been cut yet. */
 typedef struct exit_list {
-    item *item;
-    item *kept; /* the best order found while a run is fitted */
-    cut *cut;   /* count + 1 */
-    uint32_t count, capacity, kept_capacity, cuts_capacity;
+    mni_family *family;
+    mni_draft *draft; /* that they are exits of */
+    mni_exit *kept;   /* the best order found while a run is fitted */
+    cut *cut;         /* exits + 1 */
+    uint32_t kept_capacity, cuts_capacity;
     uint32_t above; /* nodes of the block that they are exits of; 0: these are the tree's roots */
 } exit_list;
 
 /* What a whole subtree takes in a block. */
 typedef struct measure {
-    uint32_t node;
-    bool fits; /* a block at all? */
+    uint32_t row; /* 0: none */
+    bool fits;    /* a block at all? */
     mni_tally tally;
 } measure;
 
@@ -96,137 +92,63 @@ typedef struct outcome {
     double used;     /* of them, in blocks' worth of bytes */
 } outcome;
 
-typedef struct packer {
+struct mni_packer {
     mni_plan *plan;
-    mn_status *st;
     uint32_t limit;     /* bytes that a block may end at */
     double node_bytes;  /* of a node in the block above */
     double whole_bytes; /* of a node in a block that ends all its subtrees: a running mean */
+    double whole_first; /* what it was at first */
     mni_tally tally;    /* of the block being filled */
     uint32_t overflows; /* its nodes that overflow */
     candidate *heap;
     uint32_t waiting, heap_capacity;
     exit_list exits, below; /* of the block being packed, and of one that is tried below it */
-    measure *measure;
-    uint32_t measures, measures_capacity;
-    uint32_t *measured; /* inner: which measure, if that one says so too */
-    uint32_t *block;    /* still to be packed: a stack */
-    uint32_t blocks, blocks_capacity;
-    candidate *stack; /* an entry a level and one: whole subtrees are MNI_BLOCK_DEPTH_MAX deep */
-} packer;
+    mni_draft trial;
+    mni_family trial_family;
+    measure *measure; /* MEASURES, by a hash of the row */
+    mni_rows_run run;
+};
 
-static mn_code no_memory(packer *p) {
-    return mn_fail(p->st, MN_FAILED, "no memory to pack %u nodes", p->plan->tree->inner);
-}
-
-static bool room_for(void **array, uint32_t needed, uint32_t *capacity, size_t size) {
-    if (needed <= *capacity)
-        return true;
-    uint32_t wanted = needed + needed / 2 + 64;
-    void *bigger = realloc(*array, wanted * size);
-    if (bigger == NULL)
-        return false;
-    *array = bigger;
-    *capacity = wanted;
-    return true;
-}
-
-static uint32_t nodes_below(const mn_tree *t, uint32_t node) {
-    return t->leaf_hi[node] - t->leaf_lo[node] - 1; /* itself included */
+static mn_code no_memory(mni_packer *p) {
+    return mni_plan_trouble(p->plan, "the packing of blocks");
 }
 
 /* ---- tallies -------------------------------------------------------------------------------- */
 
-static void tally_none(const packer *p, mni_tally *tally) {
-    mni_tally_init(tally, p->plan->tree->leaf_color != NULL, p->plan->tree->grid_step);
+static void tally_none(const mni_packer *p, mni_tally *tally) {
+    mni_tally_init(tally, p->plan->has_colors, p->plan->limits.grid_step);
 }
 
-static bool overflows(const packer *p, uint32_t node) {
-    const mn_tree *t = p->plan->tree;
-    return t->simplex_start[node + 1] - t->simplex_start[node] > p->plan->simplices_max;
-}
-
-/* Adds a node as if its inner children were exits; of a node that was an exit, takes that back. */
-static void tally_add(const packer *p, mni_tally *tally, uint32_t node, bool was_exit) {
-    const mni_plan *plan = p->plan;
-    mni_node record;
-    mni_plan_node(plan, node, &record);
-    mni_tally_node(tally, &record);
-    tally->exits -= was_exit;
-    for (uint32_t s = 0; s < record.simplex_count; s++) {
-        uint32_t corner[3];
-        mni_plan_simplex(plan->tree, node, plan->tree->simplex_start[node] + s, corner);
-        mni_tally_simplex(tally, corner);
-    }
-}
-
-static void tally_add_root(const packer *p, mni_tally *tally, uint32_t node) {
-    mni_subtree record;
-    mni_plan_subtree(p->plan, &(mni_plan_root){.node = node}, &record);
-    mni_tally_subtree(tally, &record);
-    tally_add(p, tally, node, false);
-}
-
-static bool fits(const packer *p, const mni_tally *tally, uint32_t refs) {
+static bool fits(const mni_packer *p, const mni_tally *tally, uint32_t refs) {
     return tally->nodes <= MNI_BLOCK_NODES_MAX && tally->exits <= MNI_BLOCK_EXITS_MAX &&
            mni_tally_bytes(tally, refs) <= p->limit;
 }
 
-/* Adds a whole subtree, and says whether the result still fits; false also when it is too deep. A
- * tally that does not fit is of no more use. */
-static bool tally_add_whole(packer *p, mni_tally *tally, uint32_t root) {
-    const mn_tree *t = p->plan->tree;
-    uint32_t waiting = 0;
-    if ((uint64_t)nodes_below(t, root) + tally->nodes > MNI_BLOCK_NODES_MAX || overflows(p, root))
-        return false; /* overflows are rare: such a node is filled in where references are counted
-                       */
-    tally_add_root(p, tally, root);
-    p->stack[waiting++] = (candidate){.node = root};
-    while (waiting > 0) {
-        candidate from = p->stack[--waiting];
-        for (uint32_t side = 2; side-- > 0;) {
-            uint32_t child = mni_plan_child(t, from.node, side);
-            if (child == MN_NONE)
-                continue;
-            if (from.depth + 1 >= MNI_BLOCK_DEPTH_MAX || overflows(p, child))
-                return false;
-            tally_add(p, tally, child, true);
-            p->stack[waiting++] = (candidate){.node = child, .depth = from.depth + 1};
-        }
-        if (tally->nodes % 16 == 0) { /* without exits, which come and go, it only grows */
-            mni_tally least = *tally;
-            least.exits = 0;
-            if (!fits(p, &least, 0))
-                return false;
-        }
-    }
-    return fits(p, tally, 0);
-}
-
-/* What the whole subtree takes; NULL: no memory. Valid until the next call. */
-static const measure *measure_of(packer *p, const item *i) {
-    uint32_t at = p->measured[i->node];
-    if (at < p->measures && p->measure[at].node == i->node)
-        return &p->measure[at];
-    if (!room_for((void **)&p->measure, p->measures + 1, &p->measures_capacity, sizeof *p->measure))
-        return NULL;
-    measure *made = &p->measure[p->measures];
-    made->node = i->node;
-    tally_none(p, &made->tally);
-    made->fits = i->nodes * p->whole_bytes < 1.3 * p->limit && /* at least nearly */
-                 tally_add_whole(p, &made->tally, i->node);
-    p->measured[i->node] = p->measures++;
-    return made;
+/* What the whole subtree takes. Valid until the next call. */
+static mn_code measure_of(mni_packer *p, const mni_exit *x, const measure **out) {
+    measure *m = &p->measure[x->row * UINT32_C(0x9e3779b1) >> 20 & (MEASURES - 1)];
+    mn_code code = MN_OK;
+    *out = m;
+    if (m->row == x->row)
+        return MN_OK;
+    *m = (measure){.row = 0};
+    tally_none(p, &m->tally);
+    if (x->nodes <= MNI_BLOCK_NODES_MAX && x->nodes <= p->limit / NODE_BYTES_LEAST &&
+        x->nodes * p->whole_first < 1.6 * p->limit) /* at least nearly */
+        code = mni_whole_tally(p->plan, x, p->limit, &p->run, &m->tally, &m->fits);
+    if (code == MN_OK)
+        m->row = x->row;
+    return code;
 }
 
 /* ---- the nodes of a block ------------------------------------------------------------------- */
 
 static bool heap_above(const candidate *a, const candidate *b) {
-    return a->key != b->key ? a->key > b->key : a->node > b->node;
+    return a->key != b->key ? a->key > b->key : a->order > b->order;
 }
 
-static bool heap_push(packer *p, candidate added) {
-    if (!room_for((void **)&p->heap, p->waiting + 1, &p->heap_capacity, sizeof *p->heap))
+static bool heap_push(mni_packer *p, candidate added) {
+    if (!mni_plan_room((void **)&p->heap, p->waiting + 1, &p->heap_capacity, sizeof *p->heap))
         return false;
     uint32_t at = p->waiting++;
     while (at > 0 && heap_above(&added, &p->heap[(at - 1) / 2])) {
@@ -237,7 +159,7 @@ static bool heap_push(packer *p, candidate added) {
     return true;
 }
 
-static candidate heap_pop(packer *p) {
+static candidate heap_pop(mni_packer *p) {
     candidate top = p->heap[0], moved = p->heap[--p->waiting];
     uint32_t at = 0;
     for (uint32_t child = 1; child < p->waiting; child = 2 * at + 1) {
@@ -253,162 +175,141 @@ static candidate heap_pop(packer *p) {
 }
 
 /* Latest collapse first; small subtrees before all, for as exits they would cost more. */
-static mn_code push_children(packer *p, uint32_t node, uint32_t depth, uint32_t small) {
-    const mn_tree *t = p->plan->tree;
+static mn_code push_children(mni_packer *p, const mni_draft *draft, uint32_t known, uint32_t depth,
+                             uint32_t small) {
     for (uint32_t side = 0; side < 2; side++) {
-        uint32_t child = mni_plan_child(t, node, side);
+        uint32_t child = draft->known[known].child[side];
         if (child == MN_NONE || depth + 1 >= MNI_BLOCK_DEPTH_MAX)
             continue;
-        uint32_t key = nodes_below(t, child) <= small ? UINT32_MAX : child;
-        if (!heap_push(p, (candidate){child, depth + 1, key}))
+        const mni_row *row = &draft->known[child].row;
+        uint32_t key = row->leaf_hi - row->leaf_lo - 1 <= small ? UINT32_MAX : row->order;
+        if (!heap_push(p, (candidate){child, depth + 1, key, row->order}))
             return no_memory(p);
     }
     return MN_OK;
 }
 
-static void take_whole(packer *p, uint32_t block, uint32_t root) {
-    uint32_t waiting = 0;
-    bool fitted = tally_add_whole(p, &p->tally, root);
-    MN_ASSERT(fitted);
-    p->stack[waiting++] = (candidate){.node = root};
-    while (waiting > 0) {
-        uint32_t node = p->stack[--waiting].node;
-        p->plan->block_of[node] = block;
-        for (uint32_t side = 2; side-- > 0;) {
-            uint32_t child = mni_plan_child(p->plan->tree, node, side);
-            if (child != MN_NONE)
-                p->stack[waiting++] = (candidate){.node = child};
-        }
-    }
-}
-
-static uint32_t refs_kept(const packer *p, uint32_t exits, double share) {
+static uint32_t refs_kept(const mni_packer *p, uint32_t exits, double share) {
     double refs = share * exits;
     uint32_t up = (uint32_t)refs + (refs > (double)(uint32_t)refs);
     return (up > exits ? exits : up) + p->overflows;
 }
 
-/* The tops of the block's subtrees, best first, until nothing fits. */
-static mn_code fill(packer *p, uint32_t block, double share) {
-    mni_plan *plan = p->plan;
-    const mni_planned *b = &plan->block[block];
+static mn_code take_roots(mni_packer *p, mni_draft *draft, uint32_t small) {
+    mn_code code = MN_OK;
+    for (uint32_t r = 0; r < draft->roots && code == MN_OK; r++) {
+        code = mni_draft_expand(p->plan, draft, r);
+        if (code == MN_OK)
+            code = mni_draft_tally_root(p->plan, draft, r, &p->tally);
+        p->overflows += mni_draft_overflows(p->plan, &draft->known[r]);
+        if (code == MN_OK)
+            code = push_children(p, draft, r, 0, small);
+    }
+    return code;
+}
+
+/* The tops of the draft's subtrees, best first, until nothing fits. */
+static mn_code fill(mni_packer *p, mni_draft *draft, uint32_t small, double share) {
     p->waiting = p->overflows = 0;
     tally_none(p, &p->tally);
-    for (uint32_t r = 0; r < b->root_count; r++) {
-        uint32_t root = plan->root[b->root_first + r].node;
-        if (b->small == WHOLE) {
-            take_whole(p, block, root);
-            continue;
-        }
-        tally_add_root(p, &p->tally, root);
-        p->overflows += overflows(p, root);
-        plan->block_of[root] = block;
-        if (push_children(p, root, 0, b->small) != MN_OK)
-            return MN_FAILED;
-    }
-    for (uint32_t tries = 0; p->waiting > 0 && tries < TRIES_MAX;) {
+    mn_code code = take_roots(p, draft, small);
+    for (uint32_t tries = 0; p->waiting > 0 && tries < TRIES_MAX && code == MN_OK;) {
         candidate next = heap_pop(p);
         mni_tally with = p->tally;
-        tally_add(p, &with, next.node, true);
-        p->overflows += overflows(p, next.node);
+        code = mni_draft_expand(p->plan, draft, next.known);
+        if (code == MN_OK)
+            code = mni_draft_tally(p->plan, draft, next.known, &with);
+        if (code != MN_OK)
+            break;
+        mni_known *k = &draft->known[next.known];
+        uint32_t overflows = mni_draft_overflows(p->plan, k);
+        with.exits--; /* it was one */
+        p->overflows += overflows;
         if (!fits(p, &with, refs_kept(p, with.exits, share))) {
-            p->overflows -= overflows(p, next.node);
+            p->overflows -= overflows;
             tries++;
             continue;
         }
         p->tally = with;
-        plan->block_of[next.node] = block;
-        if (push_children(p, next.node, next.depth, b->small) != MN_OK)
-            return MN_FAILED;
+        k->taken = true;
+        code = push_children(p, draft, next.known, next.depth, small);
     }
-    return MN_OK;
-}
-
-/* Takes the listed block's nodes out of it. */
-static void empty(mni_plan *plan) {
-    for (uint32_t i = 0; i < plan->listed; i++)
-        plan->block_of[plan->list[i]] = MN_NONE;
+    return code == MN_OK ? mni_draft_list(p->plan, draft) : code;
 }
 
 /* ---- the exits of a block ------------------------------------------------------------------- */
 
-static mn_code add_exit(packer *p, exit_list *x, uint32_t node) {
-    const mn_tree *t = p->plan->tree;
-    if (!room_for((void **)&x->item, x->count + 1, &x->capacity, sizeof *x->item) ||
-        !room_for((void **)&x->kept, x->count + 1, &x->kept_capacity, sizeof *x->kept) ||
-        !room_for((void **)&x->cut, x->count + 2, &x->cuts_capacity, sizeof *x->cut))
-        return no_memory(p);
-    x->item[x->count++] = (item){node, t->leaf_lo[node], nodes_below(t, node)};
-    return MN_OK;
-}
-
 static int by_leaf(const void *a, const void *b) {
-    const item *x = a, *y = b;
+    const mni_exit *x = a, *y = b;
     return x->leaf_lo < y->leaf_lo ? -1 : x->leaf_lo > y->leaf_lo;
 }
 
 /* Neighbours in the order of their leaves are neighbours on the surface, more or less. */
 static void sort_exits(exit_list *x, uint32_t first, uint32_t next) {
-    qsort(x->item + first, next - first, sizeof *x->item, by_leaf);
+    mni_exit *exit = x->family->exit;
+    uint32_t e = first + 1;
+    while (e < next && exit[e - 1].leaf_lo < exit[e].leaf_lo)
+        e++;
+    if (e < next)
+        qsort(exit + first, next - first, sizeof *exit, by_leaf);
 }
 
-/* Of the listed block. */
-static mn_code list_exits(packer *p, exit_list *x) {
-    const mni_plan *plan = p->plan;
-    x->count = 0;
-    x->above = plan->listed;
-    for (uint32_t i = 0; i < plan->listed; i++)
-        for (uint32_t side = 0; side < 2; side++) {
-            uint32_t child = mni_plan_child(plan->tree, plan->list[i], side);
-            if (child != MN_NONE && plan->block_of[child] == MN_NONE &&
-                add_exit(p, x, child) != MN_OK)
-                return MN_FAILED;
-        }
-    sort_exits(x, 0, x->count);
+/* The family's exits become those of the list. */
+static mn_code begin_list(mni_packer *p, exit_list *x, mni_family *family, mni_draft *draft) {
+    x->family = family;
+    x->draft = draft;
+    x->above = draft->listed;
+    if (!mni_plan_room((void **)&x->kept, family->exits, &x->kept_capacity, sizeof *x->kept) ||
+        !mni_plan_room((void **)&x->cut, family->exits + 1, &x->cuts_capacity, sizeof *x->cut))
+        return no_memory(p);
+    sort_exits(x, 0, family->exits);
     return MN_OK;
 }
 
 /* Brings exit `from` to `to`, before those from there on. */
 static void bring(exit_list *x, uint32_t from, uint32_t to) {
-    item moved = x->item[from];
-    memmove(&x->item[to + 1], &x->item[to], (from - to) * sizeof moved);
-    x->item[to] = moved;
+    mni_exit *exit = x->family->exit, moved = exit[from];
+    memmove(&exit[to + 1], &exit[to], (from - to) * sizeof moved);
+    exit[to] = moved;
 }
 
-/* A child block of exits [first, next). */
-static mn_code plan_run(packer *p, exit_list *x, uint32_t block, uint32_t first, uint32_t next,
-                        uint32_t small) {
-    uint32_t made;
-    mn_code code = mni_plan_block(p->plan, block, &made, p->st);
+/* A child block of exits [first, next); whole: what it takes, or NULL. */
+static mn_code add_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t next, uint32_t small,
+                       const mni_tally *whole) {
+    mni_family *f = x->family;
+    if (!mni_plan_room((void **)&f->run, f->runs + 1, &f->runs_capacity, sizeof *f->run))
+        return no_memory(p);
     sort_exits(x, first, next);
-    for (uint32_t e = first; e < next && code == MN_OK; e++)
-        code =
-            mni_plan_root_add(p->plan, (mni_plan_root){x->item[e].node, x->item[e].leaf_lo}, p->st);
-    if (code == MN_OK)
-        p->plan->block[made].small = small;
-    return code;
+    mni_run *run = &f->run[f->runs++];
+    *run = (mni_run){.first = first, .next = next, .small = small, .whole = whole != NULL};
+    if (whole != NULL) {
+        run->tally = *whole;
+        run->payload_bytes = (uint32_t)mni_tally_bytes(whole, 0);
+    }
+    return MN_OK;
 }
 
 /* ---- blocks of whole subtrees --------------------------------------------------------------- */
 
 /* Brings exits together from `first` on that fill a block, whole: neighbours, and when the next one
  * does not fit, one further on that does. *next: where they end, `first` if not even that one fits;
- * *bytes: what they take. */
-static mn_code gather_whole(packer *p, exit_list *x, uint32_t first, uint32_t *next,
-                            uint64_t *bytes) {
-    mni_tally tally;
+ * *tally: what they take. */
+static mn_code gather_whole(mni_packer *p, exit_list *x, uint32_t first, uint32_t *next,
+                            mni_tally *tally) {
+    const mni_family *f = x->family;
     uint32_t missed = 0;
-    tally_none(p, &tally);
+    tally_none(p, tally);
     *next = first;
-    for (uint32_t e = first; e < x->count && missed < LOOK_AHEAD; e++) {
-        mni_tally with = tally;
-        const measure *m = measure_of(p, &x->item[e]);
-        if (m == NULL)
-            return no_memory(p);
+    for (uint32_t e = first; e < f->exits && missed < LOOK_AHEAD; e++) {
+        mni_tally with = *tally;
+        const measure *m;
+        mn_code code = measure_of(p, &f->exit[e], &m);
+        if (code != MN_OK)
+            return code;
         if (m->fits)
             mni_tally_merge(&with, &m->tally);
         if (m->fits && fits(p, &with, 0)) {
-            tally = with;
+            *tally = with;
             bring(x, e, (*next)++);
         } else if (*next == first) {
             break;
@@ -416,9 +317,9 @@ static mn_code gather_whole(packer *p, exit_list *x, uint32_t first, uint32_t *n
             missed++;
         }
     }
-    *bytes = mni_tally_bytes(&tally, 0);
-    if (*bytes > p->limit / 2) /* in a short one the head counts too much */
-        p->whole_bytes += ((double)*bytes / tally.nodes - p->whole_bytes) / 64;
+    uint64_t bytes = mni_tally_bytes(tally, 0);
+    if (bytes > p->limit / 2) /* in a short one the head counts too much */
+        p->whole_bytes += ((double)bytes / tally->nodes - p->whole_bytes) / 64;
     return MN_OK;
 }
 
@@ -426,49 +327,49 @@ static mn_code gather_whole(packer *p, exit_list *x, uint32_t first, uint32_t *n
  * counts: a trial and what follows it must agree. */
 static bool ends_below(const exit_list *x) {
     uint64_t nodes = 0;
-    for (uint32_t e = 0; e < x->count; e++)
-        nodes += x->item[e].nodes;
+    for (uint32_t e = 0; e < x->family->exits; e++)
+        nodes += x->family->exit[e].nodes;
     return nodes <= (uint64_t)ENDED_TIMES * x->above;
 }
 
 /* All exits into blocks of whole subtrees, planned or only counted. out->blocks 0: some are too
  * large, and nothing is planned. */
-static mn_code end_all(packer *p, exit_list *x, uint32_t block, bool planned, outcome *out) {
+static mn_code end_all(mni_packer *p, exit_list *x, bool planned, outcome *out) {
+    const mni_family *f = x->family;
     *out = (outcome){0};
-    for (uint32_t e = 0; e < x->count; e++) {
-        const measure *m = measure_of(p, &x->item[e]);
-        if (m == NULL)
-            return no_memory(p);
-        if (!m->fits)
-            return MN_OK;
+    for (uint32_t e = 0; e < f->exits; e++) {
+        const measure *m;
+        mn_code code = measure_of(p, &f->exit[e], &m);
+        if (code != MN_OK || !m->fits)
+            return code;
     }
-    for (uint32_t e = 0, next; e < x->count; e = next) {
-        uint64_t bytes;
-        mn_code code = gather_whole(p, x, e, &next, &bytes);
+    for (uint32_t e = 0, next; e < f->exits; e = next) {
+        mni_tally tally;
+        mn_code code = gather_whole(p, x, e, &next, &tally);
         if (code == MN_OK && planned)
-            code = plan_run(p, x, block, e, next, WHOLE);
+            code = add_run(p, x, e, next, WHOLE, &tally);
         if (code != MN_OK)
             return code;
         out->blocks++;
-        out->used += (double)bytes / p->limit;
+        out->used += (double)mni_tally_bytes(&tally, 0) / p->limit;
     }
     return MN_OK;
 }
 
 /* ---- exits into runs ------------------------------------------------------------------------ */
 
-static double blocks_of(const packer *p, uint64_t nodes) {
+static double blocks_of(const mni_packer *p, uint64_t nodes) {
     return (double)nodes * p->whole_bytes / p->limit;
 }
 
 /* What the subtrees of a run would take, whole: in blocks. */
-static double run_blocks(const packer *p, const exit_list *x, uint32_t first, uint32_t next) {
+static double run_blocks(const mni_packer *p, const exit_list *x, uint32_t first, uint32_t next) {
     return blocks_of(p, x->cut[next].nodes - x->cut[first].nodes);
 }
 
 /* What a run costs, in blocks: the room left empty in blocks below it, and something for having few
  * subtrees. */
-static double run_cost(const packer *p, const exit_list *x, uint32_t first, uint32_t next) {
+static double run_cost(const mni_packer *p, const exit_list *x, uint32_t first, uint32_t next) {
     double lacking = 1 - (next - first) * p->whole_bytes / (RUN_SHARE * p->limit);
     double few = lacking > 0 ? FEW_COST * lacking : 0;
     double blocks = run_blocks(p, x, first, next);
@@ -476,29 +377,29 @@ static double run_cost(const packer *p, const exit_list *x, uint32_t first, uint
         return few + 1 - blocks;
     if (blocks > ENDED_TIMES + 1)
         return few + FAR_COST + FAR_COST_EACH * blocks;
-    if (next < x->count)
+    if (next < x->family->exits)
         return few + FIT_COST;
     blocks -= p->whole_bytes / p->node_bytes; /* its own nodes, dearer for their exits */
     return few + 1 - (blocks - floor(blocks));
 }
 
 /* Subtrees in a run that does not fit whole. */
-static uint32_t run_most(const packer *p, const exit_list *x, double stretch) {
-    return x->above == 0 ? x->count
+static uint32_t run_most(const mni_packer *p, const exit_list *x, double stretch) {
+    return x->above == 0 ? x->family->exits
                          : (uint32_t)(stretch * TOP_SHARE * p->limit / p->node_bytes) + 1;
 }
 
 /* From the last exit to `first`: where the run that begins there is best cut. */
-static void plan_cuts(packer *p, exit_list *x, uint32_t first) {
+static void plan_cuts(mni_packer *p, exit_list *x, uint32_t first) {
     cut *c = x->cut;
     uint32_t most = run_most(p, x, 1);
     c[first].nodes = 0;
-    for (uint32_t e = first; e < x->count; e++)
-        c[e + 1].nodes = c[e].nodes + x->item[e].nodes;
-    c[x->count].cost = 0;
-    for (uint32_t e = x->count; e-- > first;) {
+    for (uint32_t e = first; e < x->family->exits; e++)
+        c[e + 1].nodes = c[e].nodes + x->family->exit[e].nodes;
+    c[x->family->exits].cost = 0;
+    for (uint32_t e = x->family->exits; e-- > first;) {
         c[e].cost = INFINITY;
-        for (uint32_t next = e + 1; next <= x->count;) {
+        for (uint32_t next = e + 1; next <= x->family->exits;) {
             if (next - e > most && run_blocks(p, x, e, next) > 1)
                 break;
             double cost = c[next].cost + run_cost(p, x, e, next);
@@ -506,58 +407,65 @@ static void plan_cuts(packer *p, exit_list *x, uint32_t first) {
                 c[e].cost = cost;
                 c[e].next = next;
             }
-            uint32_t step = 1 + (next - e) / CUT_STEPS, rest = x->count - next;
+            uint32_t step = 1 + (next - e) / CUT_STEPS, rest = x->family->exits - next;
             next += rest > 0 && rest < step ? rest : step;
         }
     }
 }
 
 /* Do the roots of a run's subtrees fit one block? A single one does: what it lacks overflows. */
-static bool tops_fit(packer *p, const exit_list *x, uint32_t first, uint32_t next) {
+static mn_code tops_fit(mni_packer *p, exit_list *x, uint32_t first, uint32_t next, bool *fit) {
     mni_tally tally;
+    mn_code code = MN_OK;
     tally_none(p, &tally);
-    for (uint32_t e = first; e < next; e++)
-        tally_add_root(p, &tally, x->item[e].node);
-    return next - first == 1 || fits(p, &tally, tally.exits + tally.subtrees);
+    *fit = true;
+    if (next - first == 1)
+        return MN_OK;
+    for (uint32_t e = first; e < next && code == MN_OK; e++) {
+        uint32_t known = x->family->exit[e].known;
+        code = mni_draft_expand(p->plan, x->draft, known);
+        if (code == MN_OK)
+            code = mni_draft_tally_root(p->plan, x->draft, known, &tally);
+    }
+    *fit = fits(p, &tally, tally.exits + tally.subtrees);
+    return code;
 }
 
 /* ---- runs that fit -------------------------------------------------------------------------- */
 
-/* Packs a run to see how many blocks it takes, if all below it is to end right there, and takes it
- * back. */
-static mn_code try_run(packer *p, exit_list *x, uint32_t block, uint32_t first, uint32_t next,
-                       uint32_t small, outcome *out) {
-    mni_plan *plan = p->plan;
-    uint32_t tried = plan->blocks, roots = plan->roots;
+/* Packs a run to see how many blocks it takes, if all below it is to end right there. */
+static mn_code try_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t next, uint32_t small,
+                       outcome *out) {
+    mni_draft *draft = &p->trial;
     *out = (outcome){0};
-    mn_code code = plan_run(p, x, block, first, next, small);
+    sort_exits(x, first, next);
+    mn_code code = mni_draft_begin(p->plan, draft, x->family->exit + first, next - first, x->draft);
     if (code == MN_OK)
-        code = fill(p, tried, ref_share[0]);
-    if (code != MN_OK)
-        return code;
-    mni_plan_list(plan, tried);
-    code = list_exits(p, &p->below);
+        code = fill(p, draft, small, ref_share[0]);
+    if (code == MN_OK)
+        code = mni_draft_exits(p->plan, draft, &p->trial_family);
+    if (code == MN_OK)
+        code = begin_list(p, &p->below, &p->trial_family, draft);
     if (code == MN_OK && ends_below(&p->below))
-        code = end_all(p, &p->below, tried, false, out);
-    if (out->blocks > 0 || p->below.count == 0) {
+        code = end_all(p, &p->below, false, out);
+    if (out->blocks > 0 || p->trial_family.exits == 0) {
         out->used += (double)mni_tally_bytes(&p->tally, out->blocks + p->overflows) / p->limit;
         out->blocks++;
     }
-    empty(plan);
-    plan->blocks = tried;
-    plan->roots = roots;
     return code;
 }
 
 /* Gives a run so many blocks' worth of subtrees more, or takes as many from its end and gives it
  * back what was too much. */
-static uint32_t resize_run(packer *p, exit_list *x, uint32_t first, uint32_t next, double blocks) {
+static uint32_t resize_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t next,
+                           double blocks) {
     uint32_t most = run_most(p, x, TOP_STRETCH), missed = 0;
     for (; blocks < 0 && next > first + 1; next--)
-        blocks += blocks_of(p, x->item[next - 1].nodes);
-    sort_exits(x, next, x->count);
-    for (uint32_t e = next; e < x->count && next - first < most && missed < LOOK_AHEAD; e++) {
-        double more = blocks_of(p, x->item[e].nodes);
+        blocks += blocks_of(p, x->family->exit[next - 1].nodes);
+    sort_exits(x, next, x->family->exits);
+    for (uint32_t e = next; e < x->family->exits && next - first < most && missed < LOOK_AHEAD;
+         e++) {
+        double more = blocks_of(p, x->family->exit[e].nodes);
         if (more > blocks) {
             missed++;
             continue;
@@ -569,18 +477,24 @@ static uint32_t resize_run(packer *p, exit_list *x, uint32_t first, uint32_t nex
 }
 
 /* Changes a run, and what its block is to do with small subtrees, until the blocks are full. */
-static mn_code fit_run(packer *p, exit_list *x, uint32_t block, uint32_t first, uint32_t *next,
+static mn_code fit_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t *next,
                        uint32_t *small) {
-    size_t rest = (x->count - first) * sizeof *x->item;
+    const uint32_t exits = x->family->exits;
+    size_t rest = (exits - first) * sizeof *x->kept;
     uint32_t end = *next, take = SMALL_NODES;
     double least = INFINITY;
     *small = take;
     if (run_blocks(p, x, first, end) > ENDED_TIMES + 1)
         return MN_OK;
-    memcpy(x->kept, x->item + first, rest);
-    for (uint32_t trial = 0; trial < FITTINGS_MAX && tops_fit(p, x, first, end); trial++) {
+    memcpy(x->kept, x->family->exit + first, rest);
+    for (uint32_t trial = 0; trial < FITTINGS_MAX; trial++) {
         outcome out;
-        mn_code code = try_run(p, x, block, first, end, take, &out);
+        bool fit;
+        mn_code code = tops_fit(p, x, first, end, &fit);
+        if (code == MN_OK && !fit)
+            break;
+        if (code == MN_OK)
+            code = try_run(p, x, first, end, take, &out);
         if (code != MN_OK)
             return code;
         if (out.blocks == 0)
@@ -590,13 +504,13 @@ static mn_code fit_run(packer *p, exit_list *x, uint32_t block, uint32_t first, 
             least = spare;
             *next = end;
             *small = take;
-            memcpy(x->kept, x->item + first, rest);
+            memcpy(x->kept, x->family->exit + first, rest);
         }
         if (spare < ENOUGH)
             break;
-        if (end < x->count) {
+        if (end < exits) {
             end = resize_run(p, x, first, end, (spare < 0.5 ? spare : spare - 1) - MARGIN);
-            if (end == x->count)
+            if (end == exits)
                 break; /* a rest that fits nothing else is no better */
         } else if (1 - spare < SQUEEZE * out.blocks && take < SMALL_NODES_MAX) {
             take += take + 1;
@@ -604,153 +518,135 @@ static mn_code fit_run(packer *p, exit_list *x, uint32_t block, uint32_t first, 
             break;
         }
     }
-    memcpy(x->item + first, x->kept, rest);
-    sort_exits(x, *next, x->count);
+    memcpy(x->family->exit + first, x->kept, rest);
+    sort_exits(x, *next, exits);
     return MN_OK;
 }
 
-/* The first run of the exits from there on, and its child block. */
-static mn_code plan_next(packer *p, exit_list *x, uint32_t block, uint32_t first, uint32_t *next) {
+/* The first run of the exits from there on. */
+static mn_code plan_next(mni_packer *p, exit_list *x, uint32_t first, uint32_t *next) {
     uint32_t small = WHOLE, end = first;
+    mni_tally whole;
     mn_code code = MN_OK;
     plan_cuts(p, x, first);
     *next = x->cut[first].next;
-    if (run_blocks(p, x, first, *next) <= NEARLY) {
-        uint64_t bytes;
-        code = gather_whole(p, x, first, &end, &bytes);
-    }
+    if (run_blocks(p, x, first, *next) <= NEARLY)
+        code = gather_whole(p, x, first, &end, &whole);
     if (code == MN_OK && end > first) {
         *next = end;
-    } else if (code == MN_OK) {
-        while (*next > first + 1 && !tops_fit(p, x, first, *next))
-            *next -= 1 + (*next - first) / 16;
-        code = fit_run(p, x, block, first, next, &small);
+        return add_run(p, x, first, end, WHOLE, &whole);
     }
-    return code == MN_OK ? plan_run(p, x, block, first, *next, small) : code;
+    for (bool fit = false; code == MN_OK && *next > first + 1;) {
+        code = tops_fit(p, x, first, *next, &fit);
+        if (fit)
+            break;
+        *next -= 1 + (*next - first) / 16;
+    }
+    if (code == MN_OK)
+        code = fit_run(p, x, first, next, &small);
+    return code == MN_OK ? add_run(p, x, first, *next, small, NULL) : code;
 }
 
-static mn_code plan_exits(packer *p, uint32_t block) {
-    exit_list *x = &p->exits;
+static mn_code plan_exits(mni_packer *p, exit_list *x) {
     outcome out = {0};
     mn_code code = MN_OK;
-    if (p->measures > MEASURES_MAX)
-        p->measures = 0;
     if (ends_below(x))
-        code = end_all(p, x, block, true, &out);
-    for (uint32_t e = out.blocks > 0 ? x->count : 0; e < x->count && code == MN_OK;)
-        code = plan_next(p, x, block, e, &e);
+        code = end_all(p, x, true, &out);
+    for (uint32_t e = out.blocks > 0 ? x->family->exits : 0; e < x->family->exits && code == MN_OK;)
+        code = plan_next(p, x, e, &e);
     return code;
 }
 
 /* ---- all of it ------------------------------------------------------------------------------ */
 
-/* Fills a block and plans its children; with more room for references until they fit. */
-static mn_code pack_block(packer *p, uint32_t block) {
-    mni_plan *plan = p->plan;
-    uint32_t blocks = plan->blocks, roots = plan->roots, overflow_max = plan->overflow_max;
+mn_code mni_packer_block(mni_packer *p, const mni_exit *root, uint32_t roots, uint32_t small,
+                         mni_draft *draft, mni_family *family, mni_tally *tally) {
     for (uint32_t share = 0;; share++) {
-        mni_tally tally;
         MN_ASSERT(share < REF_SHARES);
-        mn_code code = fill(p, block, ref_share[share]);
+        mn_code code = mni_draft_begin(p->plan, draft, root, roots, NULL);
+        if (code == MN_OK)
+            code = fill(p, draft, small, ref_share[share]);
+        if (code == MN_OK)
+            code = mni_draft_exits(p->plan, draft, family);
         if (code != MN_OK)
             return code;
-        mni_plan_list(plan, block);
-        mni_plan_tally(plan, block, &tally);
-        p->node_bytes = (double)mni_tally_bytes(&tally, 0) / tally.nodes;
-        plan->block[block].child_first = plan->blocks;
-        code = list_exits(p, &p->exits);
+        *tally = p->tally;
+        uint32_t overflows = p->overflows; /* trials have others */
+        p->node_bytes = (double)mni_tally_bytes(tally, 0) / tally->nodes;
+        code = begin_list(p, &p->exits, family, draft);
         if (code == MN_OK)
-            code = plan_exits(p, block);
-        plan->block[block].child_count = plan->blocks - blocks;
-        mni_plan_list(plan, block); /* again: trials have listed others */
-        if (code == MN_OK)
-            code = mni_plan_overflow(plan, block, p->st);
-        if (code != MN_OK)
+            code = plan_exits(p, &p->exits);
+        if (code != MN_OK || mni_tally_bytes(tally, family->runs + overflows) <= p->limit)
             return code;
-        uint64_t bytes = mni_tally_bytes(&tally, plan->block[block].child_count);
-        if (bytes <= p->limit) {
-            plan->block[block].payload_bytes = (uint32_t)bytes;
-            return MN_OK;
-        }
-        empty(plan);
-        plan->blocks = blocks;
-        plan->roots = roots;
-        plan->overflow_max = overflow_max;
     }
-}
-
-/* Puts blocks on the stack, the first on top. */
-static mn_code push_blocks(packer *p, uint32_t first, uint32_t count) {
-    if (!room_for((void **)&p->block, p->blocks + count, &p->blocks_capacity, sizeof *p->block))
-        return no_memory(p);
-    for (uint32_t b = first + count; b-- > first;)
-        if (!p->plan->block[b].is_overflow)
-            p->block[p->blocks++] = b;
-    return MN_OK;
 }
 
 /* What a node takes where nothing has been packed yet: in a subtree that fits a block. */
-static void measure_first(packer *p) {
-    const mn_tree *t = p->plan->tree;
-    uint32_t node = t->root[0] - t->leaves;
+static mn_code measure_first(mni_packer *p, const mni_exit *root) {
+    mni_exit at = *root;
+    p->whole_first = 0;        /* any may fit */
     p->whole_bytes = p->limit; /* of a tree whose every node overflows */
-    while (node != MN_NONE) {
-        mni_tally tally;
-        uint32_t left = mni_plan_child(t, node, 0), right = mni_plan_child(t, node, 1);
-        tally_none(p, &tally);
-        if (tally_add_whole(p, &tally, node)) {
-            p->whole_bytes = (double)mni_tally_bytes(&tally, 0) / tally.nodes;
+    for (;;) {
+        const measure *m;
+        mni_draft *draft = &p->trial;
+        mn_code code = measure_of(p, &at, &m);
+        if (code == MN_OK && m->fits) {
+            p->whole_bytes = (double)mni_tally_bytes(&m->tally, 0) / m->tally.nodes;
             break;
         }
-        bool go_left =
-            right == MN_NONE || (left != MN_NONE && nodes_below(t, left) > nodes_below(t, right));
-        node = go_left ? left : right;
+        if (code == MN_OK)
+            code = mni_draft_begin(p->plan, draft, &at, 1, NULL);
+        if (code == MN_OK)
+            code = mni_draft_expand(p->plan, draft, 0);
+        if (code == MN_OK)
+            code = mni_draft_list(p->plan, draft);
+        if (code == MN_OK)
+            code = mni_draft_exits(p->plan, draft, &p->trial_family);
+        if (code != MN_OK)
+            return code;
+        const mni_family *f = &p->trial_family;
+        if (f->exits == 0)
+            break;
+        at = f->exit[f->exits == 2 && f->exit[1].nodes >= f->exit[0].nodes ? 1 : 0];
     }
-    p->node_bytes = p->whole_bytes;
+    p->whole_first = p->node_bytes = p->whole_bytes;
+    memset(p->measure, 0, sizeof *p->measure * MEASURES); /* as if none had been measured */
+    return MN_OK;
 }
 
-static mn_code pack_all(packer *p) {
-    mni_plan *plan = p->plan;
-    const mn_tree *t = plan->tree;
-    for (uint32_t r = 0; r < t->roots; r++)
-        if (add_exit(p, &p->exits, t->root[r] - t->leaves) != MN_OK)
-            return MN_FAILED;
-    measure_first(p);
-    mn_code code = plan_exits(p, MN_NONE);
+mn_code mni_packer_roots(mni_packer *p, mni_draft *draft, mni_family *roots) {
+    mn_code code = measure_first(p, &roots->exit[0]);
+    roots->runs = 0;
     if (code == MN_OK)
-        code = push_blocks(p, 0, plan->blocks);
-    uint32_t placed = 0;
-    for (uint32_t done = 0; p->blocks > 0 && code == MN_OK; done++) {
-        uint32_t b = p->block[--p->blocks];
-        code = pack_block(p, b);
-        placed += plan->listed;
-        if (code == MN_OK)
-            code = push_blocks(p, plan->block[b].child_first, plan->block[b].child_count);
-        if (code == MN_OK && plan->desc->progress != NULL && done % 16 == 0 &&
-            !plan->desc->progress(plan->desc->progress_context, "blocking", placed, t->inner))
-            code = mn_fail(p->st, MN_FAILED, "interrupted");
-    }
-    MN_ASSERT(code != MN_OK || placed == t->inner);
-    return code;
+        code = begin_list(p, &p->exits, roots, draft);
+    return code == MN_OK ? plan_exits(p, &p->exits) : code;
+}
+
+mn_code mni_packer_open(mni_packer **out, mni_plan *plan) {
+    mni_packer *p = *out = calloc(1, sizeof *p);
+    if (p == NULL)
+        return mni_plan_trouble(plan, "the packing of blocks");
+    p->plan = plan;
+    p->limit = plan->desc->block_bytes - MNI_BLOCK_TAIL_BYTES;
+    p->measure = calloc(MEASURES, sizeof *p->measure);
+    return p->measure != NULL ? MN_OK : no_memory(p);
 }
 
 static void close_list(exit_list *x) {
-    free(x->item);
     free(x->kept);
     free(x->cut);
 }
 
-mn_code mni_plan_packed(mni_plan *plan, mn_status *st) {
-    packer p = {.plan = plan, .st = st, .limit = plan->desc->block_bytes - MNI_BLOCK_TAIL_BYTES};
-    p.stack = malloc(sizeof *p.stack * (MNI_BLOCK_DEPTH_MAX + 2));
-    p.measured = calloc(plan->tree->inner, sizeof *p.measured);
-    mn_code code = p.stack == NULL || p.measured == NULL ? no_memory(&p) : pack_all(&p);
-    free(p.stack);
-    free(p.measured);
-    free(p.measure);
-    free(p.block);
-    free(p.heap);
-    close_list(&p.exits);
-    close_list(&p.below);
-    return code;
+void mni_packer_close(mni_packer *p) {
+    if (p == NULL)
+        return;
+    free(p->heap);
+    free(p->measure);
+    free(p->trial_family.exit);
+    free(p->trial_family.run);
+    mni_draft_free(&p->trial);
+    mni_rows_run_free(&p->run);
+    close_list(&p->exits);
+    close_list(&p->below);
+    free(p);
 }

@@ -1,4 +1,4 @@
-/* From a tree to a .mnt: plan, order, encode, write.
+/* From a tree to a .mnt: draft, place, encode, write, block by block.
  *
  * Hides: the order of blocks in the file. Parents come before children and the blocks that one
  * refers to stand side by side, so that what is prefetched together is read together; root blocks
@@ -6,26 +6,67 @@
  *
  *     header | roots | children of root 0 | children of its first child | …
  *
- * Order: mn_block_write alone. One thread; blocks on the disk. Memory: the plan (plan.c) and one
- * block. Every block passes the reader's own checks before it is written. Paper: §3.2. */
+ * When a block's exits are grouped, the blocks that it refers to get their places at the end of
+ * what has been given away, and the block is written, to the place that it got from its parent.
+ * Blocks of whole subtrees, most of all, are written at once; the others wait on a stack, the first
+ * on top.
+ *
+ *     stack:  [ siblings of B's parent | siblings of B | … ]     each: its place and its roots
+ *
+ * So a block must have a length before it is filled: one of `packed` that is to have exits has all
+ * of its bytes.
+ * Order: one call. One thread; blocks on the disk. Memory: a block and its draft, and the roots of
+ * those that wait. Every block passes the reader's own checks before it is written. Paper: §3.2. */
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <xxhash.h>
 
 #include "assert.h"
+#include "block_rows.h"
 #include "file.h"
 #include "frame.h"
 #include "header.h"
 #include "plan.h"
-#include "tree.h"
+#include "tree_rows.h"
+
+enum { CACHE_BYTES = 4 << 20 };
+
+/* A block that has a place, and is to be filled. */
+typedef struct pending {
+    mni_exit *root;
+    uint32_t roots, small;
+    uint32_t parent_id, depth; /* blocks above it, itself included */
+    mn_block_ref place;
+} pending;
+
+/* A block's place and what is said of it there. */
+typedef struct placed {
+    mn_block_ref place;
+    uint32_t parent_id;
+    uint32_t refs, payload_bytes;
+} placed;
 
 typedef struct writer {
     mni_plan plan;
-    const mn_tree *tree;
+    mni_packer *packer; /* NULL: levels */
     mn_header *header;
     mni_out out;
-    uint32_t *order; /* planned blocks in file order */
+    uint64_t pages; /* given away so far: of the file */
+    uint64_t payload_bytes, nodes;
+    pending *stack;
+    uint32_t waiting, stack_capacity;
+    mni_draft draft, scratch;
+    mni_family family;
+    mni_tally tally;
+    mni_rows_run run;
     unsigned char *bytes;
+    uint32_t bytes_capacity;
+    mni_row_simplex *corner; /* of an overflow block */
+    mni_piece *piece;        /* of the overflow blocks of one block's nodes */
+    uint32_t *piece_node;    /* known */
+    mn_block_ref *piece_place;
+    uint32_t pieces, pieces_capacity, piece_nodes_capacity, piece_places_capacity;
 } writer;
 
 static double now_s(void) {
@@ -34,225 +75,380 @@ static double now_s(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* ---- the order in the file ------------------------------------------------------------------ */
+/* ---- places --------------------------------------------------------------------------------- */
 
-static uint32_t pages_of(const mni_planned *b) {
-    return (b->payload_bytes + MNI_BLOCK_TAIL_BYTES + MN_PAGE_BYTES - 1) / MN_PAGE_BYTES;
+static mn_block_ref give_place(writer *w, uint32_t payload_bytes) {
+    uint32_t pages = (payload_bytes + MNI_BLOCK_TAIL_BYTES + MN_PAGE_BYTES - 1) / MN_PAGE_BYTES;
+    mn_block_ref place = {(uint32_t)w->pages, pages};
+    w->pages += pages;
+    return place;
 }
 
-static mn_code place_blocks(writer *w, mn_status *st) {
-    mni_plan *plan = &w->plan;
-    uint32_t *stack = malloc(sizeof *stack * plan->blocks);
-    w->order = malloc(sizeof *w->order * plan->blocks);
-    if (stack == NULL || w->order == NULL) {
-        free(stack);
-        return mn_fail(st, MN_FAILED, "no memory to order %u blocks", plan->blocks);
-    }
-    uint64_t page = 1;
-    uint32_t placed = 0, waiting = 0, first = 0, count = 0;
-    while (count < plan->blocks && plan->block[count].parent == MN_NONE)
-        count++; /* the root blocks were planned first */
-    for (;;) {
-        for (uint32_t i = first; i < first + count; i++) {
-            mni_planned *b = &plan->block[i];
-            b->place = (mn_block_ref){(uint32_t)page, pages_of(b)};
-            page += b->place.pages;
-            w->order[placed++] = i;
-        }
-        for (uint32_t i = first + count; i-- > first;)
-            if (plan->block[i].child_count > 0)
-                stack[waiting++] = i;
-        if (waiting == 0)
-            break;
-        uint32_t next = stack[--waiting];
-        first = plan->block[next].child_first;
-        count = plan->block[next].child_count;
-    }
-    free(stack);
-    MN_ASSERT(placed == plan->blocks);
-    if (page >= UINT32_MAX)
-        return mn_fail(st, MN_FAILED, "the file would be larger than 16 TiB");
-    w->header->file_bytes = page * MN_PAGE_BYTES;
+static mn_block_ref place_run(writer *w, const mni_run *run) {
+    uint32_t full = w->plan.desc->block_bytes - MNI_BLOCK_TAIL_BYTES;
+    return give_place(w, run->whole || w->packer == NULL ? run->payload_bytes : full);
+}
+
+static mn_code check_pages(writer *w) {
+    if (w->pages >= UINT32_MAX)
+        return mn_fail(w->plan.st, MN_FAILED, "the file would be larger than 16 TiB");
     return MN_OK;
 }
 
-/* ---- the header ----------------------------------------------------------------------------- */
+/* ---- bytes ---------------------------------------------------------------------------------- */
 
-static void fill_root(const mn_tree *tree, uint32_t k, mn_block_ref block, uint32_t subtree,
-                      mn_root *out) {
-    *out = (mn_root){.block = block, .subtree = subtree};
-    mni_plan_leaf(tree, tree->leaf_lo[tree->root[k] - tree->leaves], out->position, &out->color);
+static mn_code need_bytes(writer *w, uint32_t length) {
+    if (!mni_plan_room((void **)&w->bytes, length, &w->bytes_capacity, 1))
+        return mn_fail(w->plan.st, MN_FAILED, "no memory for a block of %u bytes", length);
+    return MN_OK;
 }
 
-static void fill_header(writer *w) {
-    const mn_tree *tree = w->tree;
-    const mni_plan *plan = &w->plan;
+/* Seals the encoded block, whose references are in place, checks it as a reader does, writes it. */
+static mn_code write_block(writer *w, const placed *b, mni_frame_kind kind) {
+    mn_header *h = w->header;
+    const uint32_t length = b->place.pages * MN_PAGE_BYTES;
+    const mni_frame frame = {.kind = kind,
+                             .refs = b->refs,
+                             .payload_bytes = b->payload_bytes,
+                             .parent_id = b->parent_id};
+    mni_frame_seal(w->bytes, &frame, b->place, h->build_id);
+    mni_block_limits limits = mni_block_limits_of(h);
+    limits.file_bytes = w->pages * MN_PAGE_BYTES;
+    char why[160] = "its frame is wrong";
+    mni_block view;
+    mni_overflow overflow;
+    bool sound =
+        mni_frame_check(w->bytes, b->place, h->build_id, limits.file_bytes) == MNI_FRAME_OK &&
+        (kind == MNI_FRAME_OVERFLOW
+             ? mni_overflow_open(&overflow, w->bytes, length, &limits, why, sizeof why)
+             : mni_block_open(&view, w->bytes, length, &limits, why, sizeof why));
+    if (!sound)
+        return mn_fail(w->plan.st, MN_FAILED, "bug: block %u would not be readable: %s",
+                       b->place.id, why);
+    h->blocks++;
+    w->payload_bytes += b->payload_bytes;
+    h->block_bytes_max = length > h->block_bytes_max ? length : h->block_bytes_max;
+    h->children_max = b->refs > h->children_max ? b->refs : h->children_max;
+    return mni_out_write_at(&w->out, (uint64_t)b->place.id * MN_PAGE_BYTES, w->bytes, length,
+                            w->plan.st);
+}
+
+static void count_nodes(writer *w, uint32_t nodes, uint32_t depth) {
+    mn_header *h = w->header;
+    w->nodes += nodes;
+    h->nodes_per_block_max = nodes > h->nodes_per_block_max ? nodes : h->nodes_per_block_max;
+    h->block_depth = depth > h->block_depth ? depth : h->block_depth;
+}
+
+/* ---- overflow ------------------------------------------------------------------------------- */
+
+static mn_code add_piece(writer *w, uint32_t known, uint32_t first) {
+    if (!mni_plan_room((void **)&w->piece, w->pieces + 1, &w->pieces_capacity, sizeof *w->piece) ||
+        !mni_plan_room((void **)&w->piece_node, w->pieces + 1, &w->piece_nodes_capacity,
+                       sizeof *w->piece_node) ||
+        !mni_plan_room((void **)&w->piece_place, w->pieces + 1, &w->piece_places_capacity,
+                       sizeof *w->piece_place))
+        return mni_plan_trouble(&w->plan, "overflow blocks");
+    w->piece_node[w->pieces] = known;
+    return mni_piece_cut(&w->plan, &w->draft.known[known], first, w->corner,
+                         &w->piece[w->pieces++]);
+}
+
+/* Cuts the overflow of the draft's nodes: the first piece of each, then the rests of the chains. */
+static mn_code cut_pieces(writer *w, uint32_t *heads) {
+    mn_code code = MN_OK;
+    w->pieces = 0;
+    for (uint32_t i = 0; i < w->draft.listed && code == MN_OK; i++) {
+        const mni_known *k = &w->draft.known[w->draft.list[i]];
+        if (!mni_draft_overflows(&w->plan, k))
+            continue;
+        if (w->corner == NULL)
+            w->corner = malloc(sizeof *w->corner * mni_piece_most(&w->plan));
+        code = w->corner == NULL
+                   ? mni_plan_trouble(&w->plan, "an overflow block")
+                   : add_piece(w, w->draft.list[i], k->row.simplex_start + w->plan.simplices_max);
+    }
+    *heads = w->pieces;
+    for (uint32_t i = 0; i < *heads && code == MN_OK; i++) {
+        mni_piece last = w->piece[i];
+        uint32_t length = 1;
+        for (; !last.last && code == MN_OK; length++) {
+            code = add_piece(w, w->piece_node[i], last.first + last.count);
+            last = w->piece[w->pieces - 1];
+        }
+        if (length > w->header->overflow_max)
+            w->header->overflow_max = length;
+    }
+    return code;
+}
+
+static mn_code write_pieces(writer *w, uint32_t heads, uint32_t parent_id) {
+    mn_code code = MN_OK;
+    uint32_t rest = heads;
+    for (uint32_t i = 0; i < heads && code == MN_OK; i++) {
+        uint32_t above = parent_id;
+        for (uint32_t at = i; code == MN_OK;) {
+            const mni_piece *piece = &w->piece[at];
+            const placed b = {w->piece_place[at], above, piece->last ? 0 : 1, piece->payload_bytes};
+            code = need_bytes(w, b.place.pages * MN_PAGE_BYTES);
+            if (code == MN_OK)
+                code = mni_piece_encode(&w->plan, &w->draft.known[w->piece_node[i]], piece,
+                                        w->corner, w->bytes, b.place.pages * MN_PAGE_BYTES);
+            if (code == MN_OK && !piece->last)
+                mni_frame_set_ref(w->bytes, 0, w->piece_place[rest]);
+            if (code == MN_OK)
+                code = write_block(w, &b, MNI_FRAME_OVERFLOW);
+            if (piece->last)
+                break;
+            above = b.place.id;
+            at = rest++;
+        }
+    }
+    return code;
+}
+
+/* ---- a block and those below it ------------------------------------------------------------- */
+
+/* Puts a child block that is to be filled on the stack. */
+static mn_code push(writer *w, const mni_run *run, mn_block_ref place, uint32_t parent_id,
+                    uint32_t depth) {
+    uint32_t roots = run->next - run->first;
+    mni_exit *root = malloc(sizeof *root * roots);
+    if (root == NULL ||
+        !mni_plan_room((void **)&w->stack, w->waiting + 1, &w->stack_capacity, sizeof *w->stack)) {
+        free(root);
+        return mni_plan_trouble(&w->plan, "blocks that wait");
+    }
+    memcpy(root, w->family.exit + run->first, sizeof *root * roots);
+    w->stack[w->waiting++] = (pending){root, roots, run->small, parent_id, depth, place};
+    return MN_OK;
+}
+
+static mn_code write_whole(writer *w, const mni_run *run, mn_block_ref place, uint32_t parent_id,
+                           uint32_t depth) {
+    const placed b = {place, parent_id, 0, run->payload_bytes};
+    uint32_t length = place.pages * MN_PAGE_BYTES;
+    mn_code code = need_bytes(w, length);
+    if (code == MN_OK)
+        code = mni_whole_encode(&w->plan, w->family.exit + run->first, run->next - run->first,
+                                &run->tally, &w->run, w->bytes, length);
+    count_nodes(w, run->tally.nodes, depth);
+    return code == MN_OK ? write_block(w, &b, MNI_FRAME_METANODE) : code;
+}
+
+/* The family's blocks, which have places from `first` page on: written, or put on the stack. */
+static mn_code send_family(writer *w, uint64_t first, uint32_t parent_id, uint32_t depth) {
+    const mni_family *f = &w->family;
+    uint64_t end = first;
+    uint32_t bottom = w->waiting;
+    mn_code code = MN_OK;
+    for (uint32_t r = 0; r < f->runs && code == MN_OK; r++) {
+        const mni_run *run = &f->run[r];
+        uint64_t given = w->pages;
+        w->pages = end;
+        mn_block_ref place = place_run(w, run);
+        end = w->pages;
+        w->pages = given;
+        code = run->whole ? write_whole(w, run, place, parent_id, depth)
+                          : push(w, run, place, parent_id, depth);
+    }
+    for (uint32_t a = bottom, b = w->waiting; a + 1 < b; a++) { /* the first on top */
+        pending moved = w->stack[a];
+        w->stack[a] = w->stack[--b];
+        w->stack[b] = moved;
+    }
+    return code;
+}
+
+/* Fills the block, gives places to those below, writes it. */
+static mn_code write_pending(writer *w, const pending *b) {
+    mni_plan *plan = &w->plan;
+    mni_family *f = &w->family;
+    uint32_t heads = 0;
+    mn_code code =
+        w->packer != NULL
+            ? mni_packer_block(w->packer, b->root, b->roots, b->small, &w->draft, f, &w->tally)
+            : mni_levels_block(plan, b->root, &w->draft, &w->scratch, f, &w->tally);
+    if (code == MN_OK)
+        code = cut_pieces(w, &heads);
+    const uint32_t length = b->place.pages * MN_PAGE_BYTES;
+    placed self = {b->place, b->parent_id, f->runs + heads, 0};
+    if (code == MN_OK) {
+        self.payload_bytes = (uint32_t)mni_tally_bytes(&w->tally, self.refs);
+        MN_ASSERT(self.payload_bytes + MNI_BLOCK_TAIL_BYTES <= length);
+        code = need_bytes(w, length);
+    }
+    if (code != MN_OK)
+        return code;
+    const uint64_t first = w->pages;
+    mn_block_ref *ref = malloc(sizeof *ref * (self.refs + 1));
+    if (ref == NULL)
+        return mni_plan_trouble(plan, "references");
+    for (uint32_t r = 0; r < f->runs; r++) {
+        ref[r] = place_run(w, &f->run[r]);
+        for (uint32_t e = f->run[r].first; e < f->run[r].next; e++) {
+            w->draft.known[f->exit[e].known].ref = r;
+            w->draft.known[f->exit[e].known].subtree = e - f->run[r].first;
+        }
+    }
+    for (uint32_t i = 0; i < w->pieces; i++) {
+        w->piece_place[i] = give_place(w, w->piece[i].payload_bytes);
+        if (i < heads)
+            ref[f->runs + i] = w->piece_place[i];
+    }
+    code = check_pages(w);
+    if (code == MN_OK)
+        code = mni_draft_encode(plan, &w->draft, &w->tally, self.refs, f->runs, w->bytes, length);
+    for (uint32_t r = 0; r < self.refs && code == MN_OK; r++)
+        mni_frame_set_ref(w->bytes, r, ref[r]);
+    free(ref);
+    count_nodes(w, w->draft.listed, b->depth);
+    if (code == MN_OK)
+        code = write_block(w, &self, MNI_FRAME_METANODE);
+    if (code == MN_OK)
+        code = write_pieces(w, heads, b->place.id);
+    return code == MN_OK ? send_family(w, first, b->place.id, b->depth + 1) : code;
+}
+
+/* ---- the whole ------------------------------------------------------------------------------ */
+
+static mn_code place_roots(writer *w) {
+    mni_plan *plan = &w->plan;
+    mni_family *f = &w->family;
+    mn_code code = mni_plan_roots(plan, &w->draft, f);
+    if (code == MN_OK)
+        code = w->packer != NULL ? mni_packer_roots(w->packer, &w->draft, f)
+                                 : mni_levels_runs(plan, f, &w->scratch);
+    const uint64_t first = w->pages;
+    for (uint32_t r = 0; r < f->runs && code == MN_OK; r++) {
+        mn_block_ref place = place_run(w, &f->run[r]);
+        for (uint32_t e = f->run[r].first; e < f->run[r].next; e++) {
+            mn_root *root = &w->header->root[f->exit[e].known];
+            mni_row row;
+            uint32_t ignored;
+            if (!mni_rows_get(plan->rows, f->exit[e].leaf_lo, &row, &ignored))
+                return mni_plan_trouble(plan, "rows");
+            *root = (mn_root){.block = place,
+                              .subtree = e - f->run[r].first,
+                              .color = plan->has_colors ? row.rgba : UINT32_MAX};
+            memcpy(root->position, row.position, sizeof root->position);
+        }
+    }
+    if (code == MN_OK)
+        code = check_pages(w);
+    return code == MN_OK ? send_family(w, first, 0, 1) : code;
+}
+
+static mn_code say_progress(const writer *w) {
+    const mn_block_desc *desc = w->plan.desc;
+    if (desc->progress != NULL &&
+        !desc->progress(desc->progress_context, "blocking", w->nodes, w->plan.head->inner))
+        return mn_fail(w->plan.st, MN_FAILED, "interrupted");
+    return MN_OK;
+}
+
+static mn_code write_blocks(writer *w) {
+    mn_code code = place_roots(w);
+    for (uint32_t done = 0; w->waiting > 0 && code == MN_OK; done++) {
+        pending next = w->stack[--w->waiting];
+        code = write_pending(w, &next);
+        free(next.root);
+        if (code == MN_OK && done % 16 == 0)
+            code = say_progress(w);
+    }
+    while (w->waiting > 0)
+        free(w->stack[--w->waiting].root);
+    return code == MN_OK ? mni_found_check(&w->plan.found, w->plan.head, w->plan.st) : code;
+}
+
+static void begin_header(writer *w, uint64_t build_id) {
+    const mn_tree *tree = w->plan.head;
+    const mn_block_desc *desc = w->plan.desc;
     mn_header *h = w->header;
     h->version = MNI_MNT_VERSION;
+    h->build_id = build_id;
     h->triangles = tree->triangles;
     h->leaves = tree->leaves;
     h->nodes = tree->leaves + tree->inner;
     h->hinges = tree->simplices - tree->triangles;
     h->legal_last = tree->legal_last;
-    h->has_colors = tree->leaf_color != NULL;
+    h->has_colors = w->plan.has_colors;
     memcpy(h->origin, tree->origin, sizeof h->origin);
     h->grid_step = tree->grid_step;
     h->metric = tree->metric;
-    h->blocking = plan->desc->blocking;
-    h->l = h->blocking == MN_BLOCKING_LEVELS ? plan->desc->l : 0;
-    h->block_bytes = h->blocking == MN_BLOCKING_PACKED ? plan->desc->block_bytes : 0;
-    h->blocks = plan->blocks;
-    h->overflow_max = plan->overflow_max;
-    h->depth_max = tree->depth_max;
+    h->blocking = desc->blocking;
+    h->l = h->blocking == MN_BLOCKING_LEVELS ? desc->l : 0;
+    h->block_bytes = h->blocking == MN_BLOCKING_PACKED ? desc->block_bytes : 0;
     h->roots = tree->roots;
-    double payload = 0;
-    for (uint32_t i = 0; i < plan->blocks; i++) {
-        const mni_planned *b = &plan->block[i];
-        uint32_t length = b->place.pages * MN_PAGE_BYTES;
-        payload += b->payload_bytes;
-        h->block_bytes_max = length > h->block_bytes_max ? length : h->block_bytes_max;
-        h->block_depth = b->depth > h->block_depth ? b->depth : h->block_depth;
-        h->children_max = b->child_count > h->children_max ? b->child_count : h->children_max;
-        h->nodes_per_block_max =
-            b->nodes > h->nodes_per_block_max ? b->nodes : h->nodes_per_block_max;
-        for (uint32_t r = 0; b->parent == MN_NONE && r < b->root_count; r++)
-            for (uint32_t k = 0; k < tree->roots; k++)
-                if (tree->root[k] - tree->leaves == plan->root[b->root_first + r].node)
-                    fill_root(tree, k, b->place, r, &h->root[k]);
-    }
-    h->fill_mean = payload / plan->blocks / h->block_bytes_max;
-    mni_tree_shape(tree, h);
 }
 
-/* ---- the bytes ------------------------------------------------------------------------------ */
-
-/* Which reference and subtree of `block` a child node is in. Roots stand by leaf_lo. */
-static void find_exit(const writer *w, const mni_planned *block, uint32_t node, mni_child *child) {
-    const mni_plan *plan = &w->plan;
-    uint32_t at = plan->block_of[node];
-    const mni_planned *b = &plan->block[at];
-    uint32_t lo = 0, hi = b->root_count - 1;
-    while (lo < hi) {
-        uint32_t middle = (lo + hi) / 2;
-        if (plan->root[b->root_first + middle].leaf_lo < w->tree->leaf_lo[node])
-            lo = middle + 1;
-        else
-            hi = middle;
-    }
-    MN_ASSERT(plan->root[b->root_first + lo].node == node);
-    child->ref = at - block->child_first;
-    MN_ASSERT(child->ref < block->child_count);
-    child->subtree = lo;
-}
-
-static void encode_metanode(writer *w, uint32_t index) {
-    mni_plan *plan = &w->plan;
-    const mni_planned *b = &plan->block[index];
-    mni_tally tally;
-    mni_encoder encoder;
-    mni_plan_list(plan, index);
-    mni_plan_tally(plan, index, &tally);
-    MN_ASSERT(mni_tally_bytes(&tally, b->child_count) == b->payload_bytes);
-    mni_encoder_begin(&encoder, w->bytes, b->place.pages * MN_PAGE_BYTES, &tally, b->child_count);
-    for (uint32_t r = 0; r < b->root_count; r++) {
-        mni_subtree subtree;
-        mni_plan_subtree(plan, &plan->root[b->root_first + r], &subtree);
-        mni_encoder_subtree(&encoder, &subtree);
-    }
-    uint32_t overflow = 0; /* their references follow those of the child blocks */
-    while (overflow < b->child_count && !plan->block[b->child_first + overflow].is_overflow)
-        overflow++;
-    for (uint32_t i = 0; i < plan->listed; i++) {
-        uint32_t node = plan->list[i], corner[3];
-        mni_node record;
-        mni_plan_node(plan, node, &record);
-        if (record.left.kind == MNI_CHILD_SUBTREE)
-            find_exit(w, b, mni_plan_child(w->tree, node, 0), &record.left);
-        if (record.right.kind == MNI_CHILD_SUBTREE)
-            find_exit(w, b, mni_plan_child(w->tree, node, 1), &record.right);
-        if (record.overflow_ref != MN_NONE)
-            record.overflow_ref = overflow++;
-        mni_encoder_node(&encoder, &record);
-        for (uint32_t s = 0; s < record.simplex_count; s++) {
-            mni_plan_simplex(w->tree, node, w->tree->simplex_start[node] + s, corner);
-            mni_encoder_simplex(&encoder, corner);
-        }
-    }
-    MN_ASSERT(overflow == b->child_count);
-    mni_encoder_end(&encoder);
-}
-
-static mn_code encode_overflow(writer *w, const mni_planned *b, mn_status *st) {
-    uint32_t *corner = malloc(3 * sizeof *corner * b->simplices);
-    if (corner == NULL)
-        return mn_fail(st, MN_FAILED, "no memory for %u simplices", b->simplices);
-    for (uint32_t i = 0; i < b->simplices; i++)
-        mni_plan_simplex(w->tree, b->node, b->simplex_first + i, corner + 3 * (size_t)i);
-    const mni_overflow head = mni_plan_overflow_head(w->tree, b->node);
-    uint32_t end = mni_overflow_encode(w->bytes, b->place.pages * MN_PAGE_BYTES, b->child_count,
-                                       &head, corner, b->simplices);
-    free(corner);
-    MN_ASSERT(end == b->payload_bytes);
-    return MN_OK;
-}
-
-static mn_code write_block(writer *w, uint32_t index, mn_status *st) {
-    const mni_plan *plan = &w->plan;
-    const mni_planned *b = &plan->block[index];
-    uint32_t length = b->place.pages * MN_PAGE_BYTES;
-    if (b->is_overflow) {
-        mn_code code = encode_overflow(w, b, st);
-        if (code != MN_OK)
-            return code;
-    } else {
-        encode_metanode(w, index);
-    }
-    for (uint32_t i = 0; i < b->child_count; i++)
-        mni_frame_set_ref(w->bytes, i, plan->block[b->child_first + i].place);
-    mni_frame frame = {.kind = b->is_overflow ? MNI_FRAME_OVERFLOW : MNI_FRAME_METANODE,
-                       .refs = b->child_count,
-                       .payload_bytes = b->payload_bytes,
-                       .parent_id = b->parent == MN_NONE ? 0 : plan->block[b->parent].place.id};
-    mni_frame_seal(w->bytes, &frame, b->place, w->header->build_id);
-
-    const mn_header *h = w->header;
-    const mni_block_limits limits = mni_block_limits_of(h);
-    char why[160] = "its frame is wrong";
-    mni_block view;
-    mni_overflow overflow;
-    bool sound =
-        mni_frame_check(w->bytes, b->place, h->build_id, h->file_bytes) == MNI_FRAME_OK &&
-        (b->is_overflow ? mni_overflow_open(&overflow, w->bytes, length, &limits, why, sizeof why)
-                        : mni_block_open(&view, w->bytes, length, &limits, why, sizeof why));
-    if (!sound)
-        return mn_fail(st, MN_FAILED, "bug: block %u would not be readable: %s", b->place.id, why);
-    return mni_out_write(&w->out, w->bytes, length, st);
-}
-
-static mn_code write_file(writer *w, const char *path, mn_status *st) {
-    const mni_plan *plan = &w->plan;
+static mn_code write_header(writer *w, const char *path) {
+    mn_header *h = w->header;
     unsigned char page[MN_PAGE_BYTES];
-    w->bytes = malloc(w->header->block_bytes_max);
-    if (w->bytes == NULL)
-        return mn_fail(st, MN_FAILED, "no memory for a block of %u bytes",
-                       w->header->block_bytes_max);
-    mni_header_encode(w->header, page);
-    mn_code code = mni_out_open(&w->out, path, st);
+    h->file_bytes = w->pages * MN_PAGE_BYTES;
+    h->depth_max = w->plan.found.depth_max;
+    h->fill_mean = (double)w->payload_bytes / h->blocks / h->block_bytes_max;
+    mn_code code = mni_found_shape(&w->plan.found, w->plan.rows, h, w->plan.st);
     if (code == MN_OK)
-        code = mni_out_write(&w->out, page, sizeof page, st);
-    for (uint32_t i = 0; i < plan->blocks && code == MN_OK; i++) {
-        code = write_block(w, w->order[i], st);
-        if (code == MN_OK && plan->desc->progress != NULL && i % 256 == 0 &&
-            !plan->desc->progress(plan->desc->progress_context, "writing", i, plan->blocks))
-            code = mn_fail(st, MN_FAILED, "interrupted");
+        code = mni_header_check(h, h->file_bytes, path, w->plan.st);
+    if (code != MN_OK)
+        return code;
+    mni_header_encode(h, page);
+    return mni_out_write_at(&w->out, 0, page, sizeof page, w->plan.st);
+}
+
+static void close_writer(writer *w) {
+    mni_packer_close(w->packer);
+    mni_draft_free(&w->draft);
+    mni_draft_free(&w->scratch);
+    mni_rows_run_free(&w->run);
+    free(w->family.exit);
+    free(w->family.run);
+    free(w->stack);
+    free(w->bytes);
+    free(w->corner);
+    free(w->piece);
+    free(w->piece_node);
+    free(w->piece_place);
+    mni_out_abort(&w->out);
+    mni_plan_close(&w->plan);
+}
+
+static mn_code write_file(const char *path, const mn_tree *head, mni_rows *rows, uint64_t build_id,
+                          const mn_block_desc *desc, mn_header *header, mn_status *st) {
+    writer w = {.header = header, .out = {.fd = -1}, .pages = 1};
+    mn_code code = mni_plan_open(&w.plan, head, rows, desc, st);
+    if (code == MN_OK && desc->blocking == MN_BLOCKING_PACKED)
+        code = mni_packer_open(&w.packer, &w.plan);
+    if (code == MN_OK)
+        code = mni_out_open(&w.out, path, st);
+    if (code == MN_OK) {
+        begin_header(&w, build_id);
+        code = write_blocks(&w);
     }
     if (code == MN_OK)
-        code = mni_out_commit(&w->out, st);
-    mni_out_abort(&w->out);
+        code = write_header(&w, path);
+    if (code == MN_OK)
+        code = mni_out_commit(&w.out, st);
+    close_writer(&w);
     return code;
 }
 
-/* ---- all of it ------------------------------------------------------------------------------ */
+/* ---- what may be blocked -------------------------------------------------------------------- */
+
+static mn_code check_counts(const mn_tree *t, const mni_rows_source *source, mn_status *st) {
+    if (t->leaves == 0 || t->leaves > (1u << 31) || t->roots == 0 || t->roots > t->leaves ||
+        t->inner != t->leaves - t->roots || t->triangles > t->simplices ||
+        source->rows != t->leaves || source->simplices != t->simplices)
+        return mn_fail(st, MN_BAD_INPUT, "a tree of %u leaves, %u inner nodes, %u roots cannot be",
+                       t->leaves, t->inner, t->roots);
+    if (t->legal_last < t->leaves - 1 || t->legal_last >= t->leaves + t->inner)
+        return mn_fail(st, MN_BAD_INPUT, "legal_last %u outside [%u, %u)", t->legal_last,
+                       t->leaves - 1, t->leaves + t->inner);
+    if (t->grid_step != 0 && !mni_grid_ok(t->grid_step))
+        return mn_fail(st, MN_BAD_INPUT, "a grid of steps of %g cannot be", t->grid_step);
+    return MN_OK;
+}
 
 static mn_code check_desc(const mn_tree *tree, mn_block_desc *desc, mn_status *st) {
     if (desc->l == 0)
@@ -269,43 +465,84 @@ static mn_code check_desc(const mn_tree *tree, mn_block_desc *desc, mn_status *s
     if (tree->roots > MN_ROOTS_MAX)
         return mn_fail(st, MN_USAGE, "the tree has %u roots, a .mnt holds %d: simplify to the end",
                        tree->roots, MN_ROOTS_MAX);
-    for (uint32_t r = 0; r < tree->roots; r++)
-        if (tree->root[r] < tree->leaves)
-            return mn_fail(st, MN_USAGE, "root %u is a single vertex: simplify to the end", r);
     return MN_OK;
+}
+
+mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_source *source,
+                       uint64_t build_id, const mn_block_desc *desc, mn_header *header,
+                       mn_block_counts *counts, mn_status *st) {
+    mn_block_desc checked = desc != NULL ? *desc : (mn_block_desc){0};
+    mn_header scratch;
+    mni_rows rows;
+    mn_status why = {0};
+    double started_s = now_s();
+    header = header != NULL ? header : &scratch;
+    memset(header, 0, sizeof *header);
+    mn_code code = check_counts(head, source, &why);
+    if (code == MN_OK)
+        code = check_desc(head, &checked, &why);
+    if (code == MN_OK)
+        code = mni_rows_open(&rows, source, CACHE_BYTES, &why);
+    if (code == MN_OK) {
+        code = write_file(path, head, &rows, build_id, &checked, header, &why);
+        if (code == MN_OK && counts != NULL)
+            *counts = (mn_block_counts){.seconds_block = now_s() - started_s,
+                                        .bytes_read = rows.bytes_read,
+                                        .bytes_written = header->file_bytes};
+        mni_rows_close(&rows);
+    }
+    if (code == MN_BAD_INPUT && source->name != NULL)
+        return mn_fail(st, code, "%s: %s; the file is damaged: simplify again", source->name,
+                       why.text);
+    return code == MN_OK ? MN_OK : mn_fail(st, code, "%s", why.text);
+}
+
+/* ---- trees in memory ------------------------------------------------------------------------ */
+
+typedef struct sections {
+    unsigned char *bytes[MNI_SECTIONS];
+    size_t used[MNI_SECTIONS];
+} sections;
+
+static mn_code put_section(void *context, int section, const void *bytes, size_t count) {
+    sections *s = context;
+    memcpy(s->bytes[section] + s->used[section], bytes, count);
+    s->used[section] += count;
+    return MN_OK;
+}
+
+static mn_code block_sections(const char *path, const mn_tree *tree, sections *s,
+                              const mn_block_desc *desc, mn_header *header, mn_block_counts *counts,
+                              mn_status *st) {
+    mni_rows_source source = {.rows = tree->leaves,
+                              .simplices = tree->simplices,
+                              .has_colors = tree->leaf_color != NULL,
+                              .row = (const mni_row *)(void *)s->bytes[MNI_ROWS],
+                              .simplex = (const mni_row_simplex *)(void *)s->bytes[MNI_SIMPLICES]};
+    mn_code code = mni_tree_rows(tree, put_section, s, st);
+    if (code != MN_OK)
+        return code;
+    uint64_t sum[MNI_SECTIONS];
+    for (int i = 0; i < MNI_SECTIONS; i++)
+        sum[i] = XXH3_64bits(s->bytes[i], s->used[i]);
+    uint64_t build_id = mni_build_id(tree, source.has_colors, sum, desc);
+    return mni_block_rows(path, tree, &source, build_id, desc, header, counts, st);
 }
 
 mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_desc *desc,
                        mn_header *header, mn_block_counts *counts, mn_status *st) {
     mn_block_desc checked = desc != NULL ? *desc : (mn_block_desc){0};
-    mn_header scratch;
-    double started_s = now_s();
     mn_code code = mn_tree_check(tree, st);
     if (code == MN_OK)
         code = check_desc(tree, &checked, st);
     if (code != MN_OK)
         return code;
-    writer w = {.tree = tree, .header = header != NULL ? header : &scratch, .out = {.fd = -1}};
-    memset(w.header, 0, sizeof *w.header);
-    code = mni_plan_open(&w.plan, tree, &checked, st);
-    if (code == MN_OK)
-        code = checked.blocking == MN_BLOCKING_LEVELS ? mni_plan_levels(&w.plan, st)
-                                                      : mni_plan_packed(&w.plan, st);
-    if (code == MN_OK)
-        code = place_blocks(&w, st);
-    if (code == MN_OK) {
-        fill_header(&w);
-        code = mni_tree_build_id(tree, &checked, &w.header->build_id, st);
-    }
-    if (code == MN_OK)
-        code = mni_header_check(w.header, w.header->file_bytes, path, st);
-    if (code == MN_OK)
-        code = write_file(&w, path, st);
-    if (code == MN_OK && counts != NULL)
-        *counts = (mn_block_counts){.seconds_block = now_s() - started_s,
-                                    .bytes_written = w.header->file_bytes};
-    free(w.bytes);
-    free(w.order);
-    mni_plan_close(&w.plan);
+    sections s = {.bytes = {malloc(sizeof(mni_row) * tree->leaves),
+                            malloc(sizeof(mni_row_simplex) * ((size_t)tree->simplices + 1))}};
+    code = s.bytes[MNI_ROWS] != NULL && s.bytes[MNI_SIMPLICES] != NULL
+               ? block_sections(path, tree, &s, &checked, header, counts, st)
+               : mn_fail(st, MN_FAILED, "no memory for the rows of %u vertices", tree->leaves);
+    free(s.bytes[MNI_ROWS]);
+    free(s.bytes[MNI_SIMPLICES]);
     return code;
 }

@@ -1,79 +1,185 @@
-/* Which node goes into which block: what the two policies fill in and block_write.c writes out.
+/* A block in the making, and what the two policies and block_write.c share.
  *
- * Inner nodes are indices here: order id - leaves. Blocks are numbered as they are planned; the
- * blocks that one block refers to stand together, in the order of its reference table: child
- * blocks, then the first overflow blocks of its nodes in the order of the nodes.
- * Ownership: all arrays are the plan's, proportional to the tree. One thread. */
+ * A draft holds the nodes of one block and what is known right below them. The nodes that it lacks
+ * are exits; a policy groups them into runs, each the subtrees of a child block:
+ *
+ *     draft:   known nodes   [roots | …]   taken ones are the block's, in the order of `list`
+ *                 └ not taken, below a taken one: exits  ──►  family.exit, cut into family.run
+ *
+ * Nodes are called by their rows. Every node is checked for what makes it safe to look at when it
+ * comes to be known (row_check.h), and wholly when it is encoded, which happens to each once.
+ * Ownership: a plan, its drafts and families belong to one thread. */
 #ifndef MNI_PLAN_H
 #define MNI_PLAN_H
 
 #include "block.h"
 #include "metanode/build.h"
+#include "row_check.h"
+#include "rows.h"
 
-typedef struct mni_planned {
-    bool is_overflow;
-    uint32_t parent;                   /* the block that refers to it; MN_NONE: a root block */
-    uint32_t child_first, child_count; /* the blocks it refers to */
-    uint32_t depth;                  /* blocks down to it, itself included; overflow: its owner's */
-    uint32_t root_first, root_count; /* subtrees, in plan.root, by leaf_lo */
-    uint32_t small; /* the policy's: subtrees of at most so many nodes go with their parent */
-    uint32_t nodes;
-    uint32_t node;                     /* overflow: whose simplices these are */
-    uint32_t simplex_first, simplices; /* overflow: in tree.corner */
-    uint32_t payload_bytes;
-    mn_block_ref place;
-} mni_planned;
+/* The root of a subtree that another block is to have. */
+typedef struct mni_exit {
+    uint32_t row, leaf_lo;
+    uint32_t nodes; /* inner nodes of its subtree */
+    uint32_t order;
+    uint32_t depth; /* nodes above it in the tree */
+    uint32_t known; /* its place in the draft that it is an exit of */
+    float position[3];
+} mni_exit;
 
-typedef struct mni_plan_root {
-    uint32_t node;
-    uint32_t leaf_lo;
-} mni_plan_root;
+/* A node that the block has, or one right below it. */
+typedef struct mni_known {
+    mni_row row;
+    uint32_t at; /* its row */
+    uint32_t simplex_end;
+    float position[3]; /* of the node */
+    uint32_t depth;    /* nodes above it in the tree */
+    bool taken, expanded;
+    uint32_t child[2];     /* once expanded: known, or MN_NONE: a leaf */
+    uint32_t index;        /* taken: in the block's numbering, once listed */
+    uint32_t ref, subtree; /* an exit: where it is */
+} mni_known;
+
+typedef struct mni_draft {
+    mni_known *known;
+    uint32_t knowns, knowns_capacity;
+    uint32_t roots; /* the first so many, by leaf_lo */
+    uint32_t *list; /* the block's nodes in its numbering */
+    uint32_t listed, list_capacity;
+} mni_draft;
+
+/* A child block: exits [first, next) of the family. */
+typedef struct mni_run {
+    uint32_t first, next;
+    uint32_t small;         /* packed: subtrees of at most so many nodes go with their parent */
+    bool whole;             /* all nodes below, no exits, no overflow */
+    uint32_t payload_bytes; /* whole, and of levels */
+    mni_tally tally;        /* whole */
+} mni_run;
+
+typedef struct mni_family {
+    mni_exit *exit;
+    uint32_t exits, exits_capacity;
+    mni_run *run;
+    uint32_t runs, runs_capacity;
+} mni_family;
+
+/* What was found while blocks were encoded; in the end the whole tree. */
+typedef struct mni_found {
+    uint64_t nodes, triangles, hinges;
+    uint64_t order_sum; /* of the orders' hashes: says whether one is there twice */
+    uint32_t depth_max;
+    float box_min[3], box_max[3];
+    uint32_t top; /* leaf: the highest along +y, the first of several */
+    float top_position[3];
+} mni_found;
 
 typedef struct mni_plan {
-    const mn_tree *tree;
+    mni_rows *rows;
+    const mn_tree *head; /* counts */
     const mn_block_desc *desc;
-    uint32_t simplices_max;  /* of one node in its own block; more overflow */
-    uint32_t overflow_bytes; /* length of an overflow block, at most */
-    uint32_t *block_of;      /* inner: planned block, MN_NONE: not yet */
-    uint32_t *index;         /* inner: place in its block's numbering, once listed */
-    uint32_t overflow_max;   /* longest chain so far */
-    mni_planned *block;
-    uint32_t blocks, blocks_capacity;
-    mni_plan_root *root;
-    uint32_t roots, roots_capacity;
-    uint32_t *list; /* nodes of one block, in its numbering: MNI_BLOCK_NODES_MAX */
-    uint32_t listed;
+    mn_status *st;
+    mni_row_limits limits;
+    bool has_colors;
+    uint32_t simplices_max;        /* of one node in its own block; more overflow */
+    uint32_t overflow_bytes;       /* length of an overflow block, at most */
+    mni_row_simplex *simplex_room; /* simplices_max */
+    mni_found found;
 } mni_plan;
 
-mn_code mni_plan_open(mni_plan *plan, const mn_tree *tree, const mn_block_desc *desc,
-                      mn_status *st);
+mn_code mni_plan_open(mni_plan *plan, const mn_tree *head, mni_rows *rows,
+                      const mn_block_desc *desc, mn_status *st);
 void mni_plan_close(mni_plan *plan);
 
-/* The policies: assign every inner node to a block and finish every block. */
-mn_code mni_plan_levels(mni_plan *plan, mn_status *st);
-mn_code mni_plan_packed(mni_plan *plan, mn_status *st);
+/* The tree's roots, known in *draft, as a family without runs. MN_USAGE: one is a single vertex. */
+mn_code mni_plan_roots(mni_plan *plan, mni_draft *draft, mni_family *roots);
 
-/* A new block below parent (MN_NONE: a root block); roots are added to the newest block only. */
-mn_code mni_plan_block(mni_plan *plan, uint32_t parent, uint32_t *block, mn_status *st);
-mn_code mni_plan_root_add(mni_plan *plan, mni_plan_root root, mn_status *st);
-/* The inner child of a node on that side (0 left, 1 right), or MN_NONE where it is a leaf. */
-uint32_t mni_plan_child(const mn_tree *tree, uint32_t node, uint32_t side);
-/* Lists a block's nodes in its numbering, from its roots and block_of. */
-void mni_plan_list(mni_plan *plan, uint32_t block);
-/* After the child blocks of the listed block have been planned: adds the overflow blocks of its
- * nodes. */
-mn_code mni_plan_overflow(mni_plan *plan, uint32_t block, mn_status *st);
-/* The exact tally of the listed block, whose references are all planned. */
-void mni_plan_tally(mni_plan *plan, uint32_t block, mni_tally *tally);
+/* The status of a read that failed, or that there was no memory for `what`. */
+mn_code mni_plan_trouble(mni_plan *plan, const char *what);
+/* Room for `needed` items of an array. false: no memory. */
+bool mni_plan_room(void **array, uint32_t needed, uint32_t *capacity, size_t size);
 
-/* Records as they stand in blocks. Children are INNER where block_of says the same block, SUBTREE
- * otherwise, their place in the child block not looked up. */
-void mni_plan_node(const mni_plan *plan, uint32_t node, mni_node *out);
-void mni_plan_subtree(const mni_plan *plan, const mni_plan_root *root, mni_subtree *out);
-void mni_plan_leaf(const mn_tree *tree, uint32_t leaf, float position[3], uint32_t *color);
-mni_overflow mni_plan_overflow_head(const mn_tree *tree, uint32_t node); /* order and interval */
-/* Simplex s of the tree, killed by node: turned so that the corner outside the node comes last. */
-void mni_plan_simplex(const mn_tree *tree, uint32_t node, uint32_t s, uint32_t corner[3]);
-uint32_t mni_plan_simplices(const mni_plan *plan, uint32_t node); /* in the node's own block */
+/* A node's record as it stands in a block, without its children. */
+void mni_plan_record(const mni_plan *plan, uint32_t at, const mni_row *row, uint32_t simplex_end,
+                     const float position[3], mni_node *out);
+mni_facts mni_plan_facts(const mni_row *row);
+/* ---- drafts --------------------------------------------------------------------------------- */
+
+void mni_draft_free(mni_draft *draft);
+/* Begins a block with those roots, which stand by leaf_lo and are taken. from (may be NULL): the
+ * draft that they are exits of. */
+mn_code mni_draft_begin(mni_plan *plan, mni_draft *draft, const mni_exit *root, uint32_t roots,
+                        const mni_draft *from);
+/* Makes its inner children known. draft->known may move. */
+mn_code mni_draft_expand(mni_plan *plan, mni_draft *draft, uint32_t known);
+/* Adds an expanded node as if its inner children were exits. */
+mn_code mni_draft_tally(mni_plan *plan, const mni_draft *draft, uint32_t known, mni_tally *tally);
+mn_code mni_draft_tally_root(mni_plan *plan, const mni_draft *draft, uint32_t known,
+                             mni_tally *tally);
+static inline bool mni_draft_overflows(const mni_plan *plan, const mni_known *k) {
+    return k->simplex_end - k->row.simplex_start > plan->simplices_max;
+}
+/* Numbers the nodes that are taken: they must all be expanded, and MNI_BLOCK_NODES_MAX at most. */
+mn_code mni_draft_list(mni_plan *plan, mni_draft *draft);
+/* The exits of a listed draft, in the order of the list; runs none. */
+mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, mni_family *family);
+/* Writes the payload of the listed draft, checking its nodes wholly. tally: its own. Exits have
+ * their ref and subtree; nodes that overflow have the references from first_overflow on. */
+mn_code mni_draft_encode(mni_plan *plan, const mni_draft *draft, const mni_tally *tally,
+                         uint32_t refs, uint32_t first_overflow, void *bytes,
+                         uint32_t length_bytes);
+
+/* ---- whole subtrees ------------------------------------------------------------------------- */
+
+/* Adds what the whole subtree takes. *fits: false where a node of it overflows, it is too deep, or
+ * its payload alone would end past `limit`; the tally is then of no more use. run: scratch. */
+mn_code mni_whole_tally(mni_plan *plan, const mni_exit *root, uint32_t limit, mni_rows_run *run,
+                        mni_tally *tally, bool *fits);
+/* Writes the payload of a block of whole subtrees, which stand by leaf_lo, checking every node. */
+mn_code mni_whole_encode(mni_plan *plan, const mni_exit *root, uint32_t roots,
+                         const mni_tally *tally, mni_rows_run *run, void *bytes,
+                         uint32_t length_bytes);
+
+/* ---- overflow ------------------------------------------------------------------------------- */
+
+/* What one overflow block of a node takes: of its simplices from `first` on, the next ones. */
+typedef struct mni_piece {
+    uint32_t first, count;
+    uint32_t payload_bytes;
+    bool last;
+} mni_piece;
+/* room: for mni_piece_most(plan) simplices. */
+uint32_t mni_piece_most(const mni_plan *plan);
+mn_code mni_piece_cut(mni_plan *plan, const mni_known *node, uint32_t first, mni_row_simplex *room,
+                      mni_piece *piece);
+mn_code mni_piece_encode(mni_plan *plan, const mni_known *node, const mni_piece *piece,
+                         mni_row_simplex *room, void *bytes, uint32_t length_bytes);
+
+/* ---- what was found ------------------------------------------------------------------------- */
+
+void mni_found_none(mni_found *found);
+void mni_found_leaf(mni_found *found, uint32_t leaf, const float position[3]);
+void mni_found_node(mni_found *found, uint32_t order, uint32_t depth);
+void mni_found_add(mni_found *to, const mni_found *from);
+/* Is it the tree that head promises? MN_BAD_INPUT. */
+mn_code mni_found_check(const mni_found *found, const mn_tree *head, mn_status *st);
+/* Box and dive point of the header; reads all simplices for the normal there. */
+mn_code mni_found_shape(const mni_found *found, mni_rows *rows, mn_header *header, mn_status *st);
+
+/* ---- the policies --------------------------------------------------------------------------- */
+
+typedef struct mni_packer mni_packer;
+mn_code mni_packer_open(mni_packer **packer, mni_plan *plan);
+void mni_packer_close(mni_packer *packer); /* NULL is harmless */
+/* Groups the tree's roots, which are known in *draft. */
+mn_code mni_packer_roots(mni_packer *packer, mni_draft *draft, mni_family *roots);
+/* Fills the block of those roots and groups its exits. *tally: its own; all references fit. */
+mn_code mni_packer_block(mni_packer *packer, const mni_exit *root, uint32_t roots, uint32_t small,
+                         mni_draft *draft, mni_family *family, mni_tally *tally);
+
+/* A run for each exit of the family. scratch: for drafts of their blocks. */
+mn_code mni_levels_runs(mni_plan *plan, mni_family *family, mni_draft *scratch);
+mn_code mni_levels_block(mni_plan *plan, const mni_exit *root, mni_draft *draft, mni_draft *scratch,
+                         mni_family *family, mni_tally *tally);
 
 #endif

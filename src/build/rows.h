@@ -102,9 +102,4 @@ bool mni_rows_fill_run(mni_rows *rows, uint32_t first, uint32_t end, uint32_t si
                        mni_rows_run *run);
 void mni_rows_run_free(mni_rows_run *run);
 
-/* The tree's rows in memory; the caller frees them. MN_BAD_INPUT: nodes that cannot be in rows;
- * nothing else is checked. */
-mn_code mni_rows_of_tree(const mn_tree *tree, mni_row **row, mni_row_simplex **simplex,
-                         mn_status *st);
-
 #endif

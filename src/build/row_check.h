@@ -1,0 +1,32 @@
+/* Rows may lie: what makes one safe to look at, and what makes it right. Any thread; pure. */
+#ifndef MNI_ROW_CHECK_H
+#define MNI_ROW_CHECK_H
+
+#include "block.h"
+#include "rows.h"
+
+/* Of a tree: what its rows are held against. */
+typedef struct mni_row_limits {
+    uint32_t leaves, nodes, simplices;
+    float grid_step;
+} mni_row_limits;
+mni_row_limits mni_row_limits_of(const mn_tree *head);
+
+/* Is the node at that row where its parent says, with children inside its interval, and are its
+ * numbers such that a tally may add them? order_below: its parent's, or past the last. Whoever goes
+ * down through such nodes comes by each row once. */
+mn_code mni_row_safe(const mni_row_limits *limits, uint32_t at, const mni_row *row,
+                     uint32_t simplex_end, const mni_place *place, uint32_t order_below,
+                     mn_status *st);
+/* Position on the grid, values as files hold them, and both children (NULL: a leaf) nested. */
+mn_code mni_row_check(const mni_row_limits *limits, uint32_t at, const mni_row *row,
+                      const float position[3], const mni_row *left, const mni_row *right,
+                      mn_status *st);
+/* Is it killed there, the corner outside, or none, being the last? */
+mn_code mni_row_check_simplex(const mni_row_limits *limits, uint32_t at, const mni_row *row,
+                              const mni_row_simplex *simplex, mn_status *st);
+/* A leaf's position. */
+mn_code mni_row_check_position(const mni_row_limits *limits, uint32_t leaf, const float position[3],
+                               mn_status *st);
+
+#endif
