@@ -99,6 +99,14 @@ typedef struct mni_block {
     const uint8_t *base, *edge;
     const uint8_t *node_rows, *exit_rows, *subtree_rows, *more_rows, *far_rows;
     uint32_t near, far, far_bits; /* third corners: see block_layout.h */
+    bool has_rest;                /* overflow, lack and more are not all empty */
+    bool is_short; /* fields are so narrow that few reads fetch them, by instructions that the
+                      processor has; then these say how: */
+    uint64_t facts_spread, facts_base;
+    uint32_t delta_base[3];
+    uint16_t place_at, way_at, simplex_at; /* bits into a row */
+    uint8_t order_bits, left_bits, delta_bits[3], right_bits, exit_bits_of, a_bits, b_bits,
+        third_bits;
 } mni_block;
 
 /* Bounds that a block of this file must respect. */

@@ -258,6 +258,9 @@ static bool check_head(const uint8_t *payload, const mni_block_limits *limits, c
                                       {FIELD_TURN, FIELD_SIMPLEX_END},
                                       {FIELD_REF, FIELD_EXIT_END},
                                       {FIELD_NODE, FIELD_SUBTREE_END}};
+    /* the most that bases of facts may be, after the order id's */
+    static const uint32_t base_max[] = {(1u << (8 + MNI_SWITCH_MANTISSA)) - 1,
+                                        (1u << (8 + MNI_RADIUS_MANTISSA)) - 1, 255, 255, 255};
     const uint8_t *edge = payload + MNI_HEAD_EDGE;
     uint32_t flags;
     float step;
@@ -268,6 +271,10 @@ static bool check_head(const uint8_t *payload, const mni_block_limits *limits, c
         return fail(why, why_bytes, "flags %x", flags);
     if (!(step == limits->grid_step))
         return fail(why, why_bytes, "a grid of %g, the file's is %g", step, limits->grid_step);
+    for (uint32_t i = BASE_SWITCH; i < BASE_DELTA; i++)
+        if (mni_base(payload + MNI_HEAD_BASE, i) > base_max[i - BASE_SWITCH])
+            return fail(why, why_bytes, "values of field %u count from %u", i,
+                        mni_base(payload + MNI_HEAD_BASE, i));
     for (uint32_t i = 0; i < 4; i++) {
         uint32_t first = row[i][0] == FIELD_REF ? mni_edge(edge, FIELD_LEFT) : 0;
         if (mni_edge(edge, row[i][0]) != first)

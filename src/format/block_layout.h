@@ -163,10 +163,10 @@ static inline uint32_t mni_third_code(uint32_t corner, uint32_t lo, uint32_t hi)
 }
 
 static inline uint32_t mni_third_of(uint32_t code, uint32_t lo, uint32_t hi) {
-    uint32_t distance = code >> 1;
-    if (distance == 0)
-        return MN_NONE;
-    return code & 1 ? hi - 1 + distance : lo - distance;
+    uint32_t distance = code >> 1, above = 0 - (code & 1); /* whose turn it is nobody can guess */
+    uint32_t from = lo ^ ((lo ^ (hi - 1)) & above);
+    uint32_t corner = from + ((distance ^ ~above) - ~above);
+    return distance == 0 ? MN_NONE : corner;
 }
 
 /* What stands in a simplex's field for its third corner, for the checker. */
