@@ -14,9 +14,10 @@
 
 #include "mem.h"
 
+/* No two items are alike in key and order. order and what are the user's. Key above order: the two
+ * are compared as one number. */
 typedef struct mni_agenda_item {
-    uint32_t key, order,
-        what; /* what: the user's, as order is; no two items alike in key and order */
+    uint32_t order, key, what;
 } mni_agenda_item;
 
 typedef struct mni_agenda {
@@ -36,6 +37,11 @@ static inline bool mni_agenda_is_full(const mni_agenda *agenda) {
     return agenda->heap == agenda->next;
 }
 void mni_agenda_add(mni_agenda *agenda, mni_agenda_item item);
+/* The same, without a guess at whether. There is room, whether or not. */
+static inline void mni_agenda_add_if(mni_agenda *agenda, mni_agenda_item item, bool is_one) {
+    agenda->item[agenda->heap] = item;
+    agenda->heap += is_one;
+}
 void mni_agenda_push(mni_agenda *agenda, mni_agenda_item item);
 bool mni_agenda_pop(mni_agenda *agenda, mni_agenda_item *out); /* false: empty */
 /* What is to be popped next as far as nothing is pushed before it: up to count items, *count of

@@ -43,8 +43,9 @@ static bool is_odd(const void *context, mni_agenda_item item) {
 }
 
 static mni_agenda_item new_item(uint32_t serial, uint32_t keys) {
-    return (mni_agenda_item){keys > 0 ? uniform(keys) << uniform(20) : uniform(UINT32_MAX), serial,
-                             uniform(1000)};
+    return (mni_agenda_item){.key = keys > 0 ? uniform(keys) << uniform(20) : uniform(UINT32_MAX),
+                             .order = serial,
+                             .what = uniform(1000)};
 }
 
 /* keys: few make ties, 0 uses all 32 bits. */
@@ -105,7 +106,7 @@ START_TEST(many_ties) {
     mni_arena arena = open_agenda(&agenda, 2 * TIES);
     mni_agenda_item item;
     for (uint32_t i = TIES; i-- > 0;)
-        mni_agenda_add(&agenda, (mni_agenda_item){7, i, i});
+        mni_agenda_add(&agenda, (mni_agenda_item){.key = 7, .order = i, .what = i});
     mni_agenda_begin(&agenda);
     for (uint32_t i = 0; i < TIES; i++)
         ck_assert(mni_agenda_pop(&agenda, &item) && item.order == i && item.what == i);
