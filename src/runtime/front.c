@@ -67,7 +67,8 @@ static void fork_clear(mni_front *f, uint32_t branch) {
 static void nobody_set(mni_front *f) {
     f->nobody = f->nodes_max;
     f->vectors = mni_ring_has_vectors();
-    f->node[f->nobody] = (mni_front_node){.above = MN_NONE, .more = MN_NONE, .witness = MN_NONE};
+    f->node[f->nobody] =
+        (mni_front_node){.above = MN_NONE, .more = MNI_FRONT_SHORT, .witness = MN_NONE};
     f->simplices_high = 1;
     memset(f->simplex_node, 0xff, 3 * sizeof *f->simplex_node);
     memset(f->simplex_leaf, 0, 3 * sizeof *f->simplex_leaf);
@@ -136,14 +137,6 @@ static void simplex_free(mni_front *f, uint32_t s) {
 
 /* ---- corner lists ---------------------------------------------------------------------------- */
 
-/* How many corners a record has; they come first. */
-static inline uint32_t record_count(const uint32_t corner[MNI_FRONT_CORNERS]) {
-    uint32_t count = 0;
-    for (int i = 0; i < MNI_FRONT_CORNERS; i++)
-        count += corner[i] != 0;
-    return count;
-}
-
 static uint32_t chunk_new(mni_front *f) {
     uint32_t i = f->chunk_free;
     if (i != MN_NONE) {
@@ -170,28 +163,31 @@ static uint32_t chunk_count(const mni_front_chunk *chunk) {
 
 static void corners_clear(mni_front *f, uint32_t slot) {
     memset(f->node[slot].corner, 0, sizeof f->node[slot].corner);
-    f->node[slot].more = MN_NONE;
+    f->node[slot].more = MNI_FRONT_SHORT;
 }
 
 /* Onto a list whose record is full. */
 static void corner_push_far(mni_front *f, mni_front_node *n, uint32_t c) {
-    uint32_t count = n->more == MN_NONE ? MNI_FRONT_CHUNK : chunk_count(&f->chunk[n->more]);
+    bool is_long = mni_front_is_long(n);
+    uint32_t count = is_long ? chunk_count(&f->chunk[n->more]) : MNI_FRONT_CHUNK;
     if (count == MNI_FRONT_CHUNK) {
         uint32_t i = chunk_new(f);
-        f->chunk[i].next = n->more;
+        f->chunk[i].next = is_long ? n->more : MN_NONE;
         n->more = i;
         count = 0;
     }
     f->chunk[n->more].corner[count] = c;
 }
 
-static void corner_push(mni_front *f, uint32_t slot, uint32_t c) {
+static inline void corner_push(mni_front *f, uint32_t slot, uint32_t c) {
     mni_front_node *n = &f->node[slot];
-    uint32_t count = record_count(n->corner);
-    if (count < MNI_FRONT_CORNERS)
+    uint32_t count = n->more - MNI_FRONT_SHORT;
+    if (count < MNI_FRONT_CORNERS) {
         n->corner[count] = c;
-    else
+        n->more++;
+    } else {
         corner_push_far(f, n, c);
+    }
 }
 
 static void simplex_note(mni_front *f, uint32_t c) {
@@ -221,21 +217,19 @@ static void corner_remove_far(mni_front *f, mni_front_node *n, uint32_t c) {
     *last = 0;
     if (last == chunk->corner) {
         uint32_t empty = n->more;
-        n->more = chunk->next;
+        n->more = chunk->next == MN_NONE ? MNI_FRONT_SHORT + MNI_FRONT_CORNERS : chunk->next;
         chunk_free(f, empty);
     }
 }
 
 /* The last corner of the record takes its place. */
-static void corner_remove(mni_front *f, uint32_t slot, uint32_t c) {
+static inline void corner_remove(mni_front *f, uint32_t slot, uint32_t c) {
     mni_front_node *n = &f->node[slot];
-    if (n->more != MN_NONE) {
+    if (mni_front_is_long(n)) {
         corner_remove_far(f, n, c);
         return;
     }
-    uint32_t at = MNI_FRONT_CORNERS, last = record_count(n->corner) - 1;
-    for (uint32_t i = 0; i < MNI_FRONT_CORNERS; i++)
-        at = n->corner[i] == c ? i : at;
+    uint32_t at = mni_ring_place(f, slot, c), last = --n->more - MNI_FRONT_SHORT;
     MN_ASSERT(at <= last && last < MNI_FRONT_CORNERS);
     n->corner[at] = n->corner[last];
     n->corner[last] = 0;
@@ -250,7 +244,7 @@ typedef struct loose {
 
 static loose corners_take(mni_front *f, uint32_t slot) {
     mni_front_node *n = &f->node[slot];
-    loose list = {.more = n->more};
+    loose list = {.more = mni_front_is_long(n) ? n->more : MN_NONE};
     memcpy(list.corner, n->corner, sizeof n->corner);
     corners_clear(f, slot);
     return list;
@@ -322,13 +316,16 @@ static mni_place place_of(const mni_front *f, uint32_t slot) {
     return (mni_place){n->leaf_lo, n->leaf_hi, {at[0], at[1], at[2]}};
 }
 
-/* Takes the block of a node's record into use once, for the first of its children. */
-static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mni_node *record) {
+/* Takes the block of a node's record into use once, for the first of its children; *view: that
+ * block. */
+static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mni_node *record,
+                               const mni_block **view) {
     const mni_front_node *p = &f->node[slot];
     const mni_place at = place_of(f, slot);
     mni_entry own = mni_front_entry(f, p->parent, slot);
     const void *bytes;
     const mni_block *block = view_of(f, own, &bytes);
+    *view = block;
     if ((p->flags & MNI_NODE_EXIT) == 0) {
         mni_block_split(block, f->face[slot].index, &at, record);
         *entry = own;
@@ -347,7 +344,7 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
         return answer == MNI_ABSENT ? MNI_MISS : MNI_REFUSED_POOL;
     if (holds_subtree(f, *entry, where.subtree)) {
         mni_subtree subtree;
-        block = view_of(f, *entry, NULL);
+        *view = block = view_of(f, *entry, NULL);
         mni_facts facts;
         mni_block_subtree(block, where.subtree, &subtree);
         mni_block_facts(block, subtree.node, &facts);
@@ -419,41 +416,33 @@ static uint32_t find_near_far(mni_front *f, uint32_t slot, uint32_t leaf) {
 /* What a split has found out before it changes anything. */
 typedef struct split_plan {
     uint32_t slot, mid;
-    bool is_long;   /* slot's list */
-    mni_ring ring;  /* around slot, unless that is long */
+    bool is_long;   /* slot's list; otherwise the front has the ring around slot */
     uint32_t chain; /* simplices that appear, by their corners at the right child: until its slot is
                        known, the next one stands there */
 } split_plan;
 
 /* One simplex killed at the plan's slot, its third corner found, onto the chain. false: the block
  * lies: a corner is not where it must be, or an edge would appear between nodes that a valid front
- * does not hold together. */
+ * does not hold together. The corners in the children come first. */
 static bool simplex_prepare(mni_front *f, split_plan *plan, const uint32_t corner[3]) {
-    static const uint8_t after[3] = {1, 2, 0}, before[3] = {2, 0, 1};
     const mni_front_node *p = &f->node[plan->slot];
-    uint32_t third = within(p, corner[0]) ? 2 : 0;
-    third = within(p, corner[1]) ? third : 1;
-    uint32_t a = after[third], b = before[third];
-    uint32_t right = corner[a] >= plan->mid ? a : b;
-    if (!within(p, corner[a]) || !within(p, corner[b]) || corner[a + b - right] >= plan->mid ||
-        corner[right] < plan->mid)
+    uint32_t right = corner[1] >= plan->mid, at = MN_NONE;
+    if (corner[right] - plan->mid >= p->leaf_hi - plan->mid ||
+        corner[1 - right] - p->leaf_lo >= plan->mid - p->leaf_lo)
         return false;
-    uint32_t at = MN_NONE;
-    if (corner[third] != MN_NONE) {
-        if (corner[third] >= f->header->leaves || within(p, corner[third]))
+    if (corner[2] != MN_NONE) {
+        if (corner[2] >= f->header->leaves || within(p, corner[2]))
             return false;
-        at = plan->is_long ? MN_NONE : mni_ring_find(f, &plan->ring, corner[third]);
+        at = plan->is_long ? MN_NONE : mni_ring_find(f, &f->ring, corner[2]);
         if (at == MN_NONE)
-            at = find_near_far(f, plan->slot, corner[third]);
+            at = find_near_far(f, plan->slot, corner[2]);
         if (f->node[at].order >= p->order || f->node[at].above <= p->order)
             return false;
-    } else if (third != 2) {
-        return false;
     }
     uint32_t s = simplex_new(f), *node = &f->simplex_node[3 * (size_t)s];
     memcpy(&f->simplex_leaf[3 * (size_t)s], corner, 3 * sizeof *corner);
-    node[third] = at;
-    node[a + b - right] = plan->slot;
+    node[2] = at;
+    node[1 - right] = plan->slot;
     node[right] = plan->chain;
     plan->chain = 4 * s + right;
     return true;
@@ -503,10 +492,9 @@ static mni_outcome overflow_prepare(mni_front *f, split_plan *plan, mni_entry en
 }
 
 static mni_outcome simplices_prepare(mni_front *f, split_plan *plan, mni_entry entry,
-                                     const mni_node *record) {
+                                     const mni_block *block, const mni_node *record) {
     if (record->simplex_count > f->simplices_max - f->simplices_used)
         return MNI_REFUSED_FRONT;
-    const mni_block *block = view_of(f, entry, NULL);
     for (uint32_t i = 0; i < record->simplex_count; i++) {
         uint32_t corner[3];
         mni_block_simplex(block, record, i, corner);
@@ -566,7 +554,7 @@ static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_ent
 
 /* Hands those of a node's corners that are the right child's to it. */
 static void corners_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
-    if (f->node[slot].more == MN_NONE) {
+    if (!mni_front_is_long(&f->node[slot])) {
         mni_ring_part(f, slot, right, mid);
         return;
     }
@@ -585,19 +573,15 @@ static void corners_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t m
 static uint32_t simplices_link(mni_front *f, const split_plan *plan, uint32_t right) {
     uint32_t count = 0;
     for (uint32_t c = plan->chain, next; c != 0; c = next, count++) {
-        uint32_t *node = &f->simplex_node[mni_corner_at(c)];
-        uint32_t after = mni_corner_after(c), before = mni_corner_before(c);
-        bool left_after = f->simplex_node[mni_corner_at(after)] == plan->slot;
-        uint32_t left = left_after ? after : before, third = left_after ? before : after;
-        uint32_t slot = f->simplex_node[mni_corner_at(third)];
-        next = *node;
-        *node = right;
+        uint32_t first = c & ~3u, *node = &f->simplex_node[3 * (size_t)(c / 4)], third = node[2];
+        next = node[c - first];
+        node[c - first] = right;
         simplex_note(f, c);
         corner_push(f, right, c);
-        corner_push(f, plan->slot, left);
-        if (slot == MN_NONE)
+        corner_push(f, plan->slot, first + 1 - (c - first));
+        if (third == MN_NONE)
             continue;
-        corner_push(f, slot, third);
+        corner_push(f, third, first + 2);
         f->triangles++;
     }
     return count;
@@ -607,6 +591,7 @@ static uint32_t simplices_link(mni_front *f, const split_plan *plan, uint32_t ri
 static uint32_t part(mni_front *f, const split_plan *plan, mni_entry home, const mni_node *record) {
     uint32_t slot = plan->slot, right = slot_new(f), b = branch_make(f, slot, right, home);
     uint32_t order = f->node[slot].order;
+    f->ring_slot = MN_NONE;
     f->node[right].leaf_lo = record->leaf_mid;
     f->node[right].leaf_hi = f->node[slot].leaf_hi;
     f->node[slot].leaf_hi = record->leaf_mid;
@@ -629,13 +614,13 @@ mni_outcome mni_front_split(mni_front *f, uint32_t slot, uint32_t *branch) {
         return MNI_REFUSED_FRONT;
     mni_node record;
     mni_entry home;
-    split_plan plan = {.slot = slot, .is_long = f->node[slot].more != MN_NONE};
-    mni_outcome outcome = record_take(f, slot, &home, &record);
+    const mni_block *block;
+    split_plan plan = {.slot = slot, .is_long = mni_front_is_long(&f->node[slot])};
+    mni_outcome outcome = record_take(f, slot, &home, &record, &block);
     if (outcome == MNI_DONE) {
         plan.mid = record.leaf_mid;
-        uint32_t blocked = plan.is_long ? 0 : mni_ring_block_split(f, slot, &plan.ring);
-        MN_ASSERT(blocked == 0);
-        outcome = simplices_prepare(f, &plan, home, &record);
+        MN_ASSERT(plan.is_long || mni_front_split_blocker(f, slot) == MN_NONE);
+        outcome = simplices_prepare(f, &plan, home, block, &record);
         if (outcome != MNI_DONE) {
             plan_drop(f, &plan);
             mni_store_sub(f->store, home);
@@ -685,7 +670,7 @@ static uint32_t records_join(mni_front *f, uint32_t left, uint32_t right) {
 }
 
 static uint32_t corners_join(mni_front *f, uint32_t left, uint32_t right) {
-    if (f->node[left].more == MN_NONE && f->node[right].more == MN_NONE)
+    if (!mni_front_is_long(&f->node[left]) && !mni_front_is_long(&f->node[right]))
         return records_join(f, left, right);
     uint32_t killed = 0;
     loose list = corners_take(f, right);
@@ -715,6 +700,7 @@ static void join(mni_front *f, uint32_t branch) {
     MN_ASSERT(mni_front_is_fork(f, branch) && b->child[0] == b->slot);
     uint32_t slot = b->slot, right = b->child[1], killed = corners_join(f, slot, right);
     MN_ASSERT(killed == b->killed);
+    f->ring_slot = MN_NONE;
     f->node[slot].order = b->order;
     f->node[slot].above = b->parent == MNI_FRONT_NO_PARENT ? MN_NONE : f->branch[b->parent].order;
     f->node[slot].leaf_hi = f->node[right].leaf_hi;
@@ -795,6 +781,7 @@ mn_code mni_front_open(mni_front *f, mni_store *store, const mn_header *header, 
                      .chunk_free = MN_NONE,
                      .simplex_free = MN_NONE};
     f->limits = mni_block_limits_of(header);
+    f->ring_slot = MN_NONE;
     MN_ASSERT(nodes_max >= header->roots && nodes_max < MNI_FRONT_NODES_MAX);
     MN_ASSERT(simplices_max < MNI_FRONT_SIMPLICES_MAX);
     lay_out(f, arena, header->has_colors);

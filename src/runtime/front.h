@@ -44,6 +44,8 @@ enum {
     MNI_FRONT_CORNERS = 8, /* of a node in its own record: most have no more, 6 on average */
     MNI_FRONT_CHUNK = 7,   /* and in each chunk of a list that is longer */
 };
+#define MNI_FRONT_SHORT 0xfffffff0u /* of a list that is in the record: this + how many there are  \
+                                     */
 
 /* An active node but for what is streamed: position, switch value, radius and cone stand apart. One
  * line of the cache: whoever asks about a neighbour, or walks around a node, touches no other. */
@@ -52,7 +54,7 @@ typedef struct mni_front_node {
     uint32_t above; /* order id of its parent; MN_NONE: a root */
     uint32_t leaf_lo, leaf_hi;
     uint32_t corner[MNI_FRONT_CORNERS]; /* of simplices, then 0; free: [0] next free slot */
-    uint32_t more;                      /* first chunk of further corners, or MN_NONE */
+    uint32_t more;                      /* first chunk of further corners, or MNI_FRONT_SHORT … */
     uint32_t parent : 29;               /* branch */
     uint32_t flags : 3;
     uint32_t witness, witness_order; /* a neighbour that blocked a move of it, as long as active */
@@ -88,6 +90,14 @@ typedef struct mni_front_branch {
 typedef struct mni_front_ref {
     uint32_t slot, order;
 } mni_front_ref;
+
+/* Neighbours of a node, by the corners in its record: the slots of those after them in their
+ * simplices, then of those before; `nobody` where there is none. Around a closed fan each neighbour
+ * stands once in either half. */
+enum { MNI_RING = 2 * MNI_FRONT_CORNERS };
+typedef struct mni_ring {
+    uint32_t slot[MNI_RING];
+} mni_ring;
 
 typedef struct mni_front_view {
     mni_entry entry;
@@ -130,6 +140,10 @@ typedef struct mni_front {
     uint32_t root[MN_ROOTS_MAX]; /* slot r, or the branch that root r has become */
     mni_entry root_entry[MN_ROOTS_MAX]; /* of its block: where it counts itself */
     mni_front_view view[MNI_FRONT_VIEWS];
+    /* around the slot whose blockers of a split were asked for last, until something moves;
+     * MN_NONE: none. Blockers: bit i is ring.slot[i] */
+    uint32_t ring_slot, ring_blockers;
+    mni_ring ring;
 } mni_front;
 
 /* Arena bytes of a front with that room; for the plan. */
@@ -142,6 +156,9 @@ mn_code mni_front_open(mni_front *front, mni_store *store, const mn_header *head
  * mni_block_limits. */
 bool mni_front_block_check(const void *context, const void *bytes, uint32_t length_bytes);
 
+static inline bool mni_front_is_long(const mni_front_node *node) {
+    return node->more < MNI_FRONT_SHORT;
+}
 static inline bool mni_front_is_active(const mni_front *front, uint32_t slot) {
     return front->node[slot].order != MN_NONE;
 }
@@ -176,7 +193,7 @@ static inline mni_bounds mni_front_branch_bounds(const mni_front *front, uint32_
 uint32_t mni_front_split_blocker(mni_front *front, uint32_t slot);
 /* All of them, as far as room goes, repeated where they share several simplices. Returns how many.
  */
-uint32_t mni_front_split_blockers(const mni_front *front, uint32_t slot, mni_front_ref *out,
+uint32_t mni_front_split_blockers(mni_front *front, uint32_t slot, mni_front_ref *out,
                                   uint32_t room);
 /* A neighbour whose parent's order id is below that of the fork, or MN_NONE. */
 uint32_t mni_front_collapse_blocker(mni_front *front, uint32_t fork);

@@ -168,10 +168,12 @@ static uint64_t check_slot(const mni_front *f, uint32_t slot) {
     MN_ASSERT(mni_front_find(f, n->leaf_lo) == slot);
     MN_ASSERT(mni_front_is_leaf(f, slot) == (n->leaf_hi - n->leaf_lo == 1));
     MN_ASSERT(n->above == (is_root ? MN_NONE : f->branch[n->parent].order));
-    if (n->more == MN_NONE && n->corner[0] == 0)
+    if (n->more == MNI_FRONT_SHORT && n->corner[0] == 0)
         return 0;
-    uint64_t corners = check_corners(f, slot, n->corner, MNI_FRONT_CORNERS, n->more == MN_NONE);
-    for (uint32_t i = n->more; i != MN_NONE; i = f->chunk[i].next)
+    bool is_long = mni_front_is_long(n);
+    uint64_t corners = check_corners(f, slot, n->corner, MNI_FRONT_CORNERS, !is_long);
+    MN_ASSERT(is_long || n->more == MNI_FRONT_SHORT + corners);
+    for (uint32_t i = is_long ? n->more : MN_NONE; i != MN_NONE; i = f->chunk[i].next)
         corners += check_corners(f, slot, f->chunk[i].corner, MNI_FRONT_CHUNK, i == n->more);
     return corners;
 }

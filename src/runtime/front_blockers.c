@@ -10,7 +10,7 @@
 #include "ring.h"
 
 static bool is_long(const mni_front *f, uint32_t slot) {
-    return f->node[slot].more != MN_NONE;
+    return mni_front_is_long(&f->node[slot]);
 }
 
 static bool witness_stands(const mni_front *f, const mni_front_node *n) {
@@ -41,27 +41,36 @@ static uint32_t split_blockers_far(const mni_front *f, uint32_t slot, mni_front_
     return count;
 }
 
-uint32_t mni_front_split_blockers(const mni_front *f, uint32_t slot, mni_front_ref *out,
-                                  uint32_t room) {
+/* Of a list that is not long, unless the last look was at the same. */
+static uint32_t look(mni_front *f, uint32_t slot) {
+    if (f->ring_slot != slot) {
+        f->ring_blockers = mni_ring_block_split(f, slot, &f->ring);
+        f->ring_slot = slot;
+    }
+    return f->ring_blockers;
+}
+
+uint32_t mni_front_split_blockers(mni_front *f, uint32_t slot, mni_front_ref *out, uint32_t room) {
     if (is_long(f, slot))
         return split_blockers_far(f, slot, out, room);
-    mni_ring ring;
     uint32_t count = 0;
-    for (uint32_t mask = mni_ring_block_split(f, slot, &ring); mask != 0 && count < room;
-         mask &= mask - 1)
-        out[count++] = mni_front_ref_of(f, ring.slot[__builtin_ctz(mask)]);
+    for (uint32_t mask = look(f, slot); mask != 0 && count < room; mask &= mask - 1)
+        out[count++] = mni_front_ref_of(f, f->ring.slot[__builtin_ctz(mask)]);
     return count;
 }
 
 uint32_t mni_front_split_blocker(mni_front *f, uint32_t slot) {
     const mni_front_node *p = &f->node[slot];
     mni_front_ref found;
-    if (is_long(f, slot) && witness_stands(f, p) && p->witness_order > p->order)
+    if (!is_long(f, slot)) {
+        uint32_t mask = look(f, slot);
+        return mask == 0 ? MN_NONE : f->ring.slot[__builtin_ctz(mask)];
+    }
+    if (witness_stands(f, p) && p->witness_order > p->order)
         return p->witness;
-    if (mni_front_split_blockers(f, slot, &found, 1) == 0)
+    if (split_blockers_far(f, slot, &found, 1) == 0)
         return MN_NONE;
-    if (is_long(f, slot))
-        witness_set(f, slot, found.slot);
+    witness_set(f, slot, found.slot);
     return found.slot;
 }
 

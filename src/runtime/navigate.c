@@ -63,9 +63,10 @@ static void consider_fork(mni_navigator *nav, uint32_t fork) {
         return;
     nav->fork_due[fork] = LOOK;
     mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
-    if (!mni_lens_wants(&nav->lens, &bounds))
+    double priority_px;
+    if (!mni_sieve_wants(&nav->sieve, &nav->lens, &bounds, &priority_px))
         mni_agenda_push(&nav->agenda,
-                        (mni_agenda_item){nav->front.branch[fork].order, UNTESTED, fork});
+                        (mni_agenda_item){UNTESTED, nav->front.branch[fork].order, fork});
 }
 
 /* Those of a batch of forks that are not wanted, onto the agenda, but those that wait already. */
@@ -74,17 +75,17 @@ static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
     float margin[MNI_SIEVE_BATCH];
     mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
     for (int i = 0; i < count; i++) {
-        bool wants = verdict[i] == MNI_WANTED;
+        bool wants = verdict[i] == MNI_WANTED, waits = mni_waiting_has(&nav->waiting, fork[i]);
         if (verdict[i] == MNI_UNSURE) {
             mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork[i]);
             wants = mni_lens_wants(&nav->lens, &bounds);
         }
         nav->fork_due[fork[i]] = due_after(nav, margin[i]);
-        if (wants)
+        if (wants & waits)
             mni_waiting_drop(&nav->waiting, fork[i]);
-        else if (!mni_waiting_has(&nav->waiting, fork[i]))
-            mni_agenda_add(&nav->agenda,
-                           (mni_agenda_item){nav->front.branch[fork[i]].order, UNTESTED, fork[i]});
+        mni_agenda_add_if(&nav->agenda,
+                          (mni_agenda_item){UNTESTED, nav->front.branch[fork[i]].order, fork[i]},
+                          !(wants | waits));
     }
 }
 
@@ -126,7 +127,7 @@ static void wake(mni_navigator *nav, uint32_t slot) {
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, slot); fork != MN_NONE;
          fork = nav->waiting.next[fork])
         mni_agenda_push(&nav->agenda,
-                        (mni_agenda_item){nav->front.branch[fork].order, UNTESTED, fork});
+                        (mni_agenda_item){UNTESTED, nav->front.branch[fork].order, fork});
 }
 
 /* What is to be popped next is tested together, so that what each needs of the memory is on its way
@@ -312,10 +313,10 @@ static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *ite
     if (mni_front_is_leaf(&nav->front, slot))
         return false;
     mni_bounds bounds = mni_front_bounds(&nav->front, slot);
-    if (!mni_lens_wants(&nav->lens, &bounds))
+    double priority_px;
+    if (!mni_sieve_wants(&nav->sieve, &nav->lens, &bounds, &priority_px))
         return false;
-    *item = (mni_agenda_item){split_key(mni_lens_priority(&nav->lens, &bounds)),
-                              nav->front.node[slot].order, slot};
+    *item = (mni_agenda_item){nav->front.node[slot].order, split_key(priority_px), slot};
     return true;
 }
 
@@ -464,10 +465,19 @@ static uint32_t fetch_ahead(mni_navigator *nav) {
     return nav->agenda.next + count;
 }
 
+/* The slot of a child, or that its leftmost descendant has. */
+static inline uint32_t first_slot(const mni_front *front, uint32_t child) {
+    return child & MNI_FRONT_BRANCH ? front->branch[child & ~MNI_FRONT_BRANCH].slot : child;
+}
+
 /* A split stays: who waited for its node is looked at in the next frame, its parent is no fork and
- * waits no more, and its children are new. */
-static void keep_split(mni_navigator *nav, uint32_t branch) {
-    const mni_front_branch *b = &nav->front.branch[branch];
+ * waits no more, and its children are new. Returns whether they may be wanted: not where the node,
+ * by a verdict that stands, was not and has been forced; of those children that have been split in
+ * turn the same is then known. */
+static bool keep_split(mni_navigator *nav, uint32_t branch) {
+    const mni_front *front = &nav->front;
+    const mni_front_branch *b = &front->branch[branch];
+    float due = nav->slot_due[b->slot];
     mni_front_release(&nav->front, branch);
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, b->slot); fork != MN_NONE;
          fork = nav->waiting.next[fork])
@@ -475,9 +485,28 @@ static void keep_split(mni_navigator *nav, uint32_t branch) {
     if (b->parent != MNI_FRONT_NO_PARENT)
         mni_waiting_drop(&nav->waiting, b->parent);
     nav->fork_due[branch] = LOOK;
-    for (int side = 0; side < 2; side++)
-        if ((b->child[side] & MNI_FRONT_BRANCH) == 0)
-            nav->slot_due[b->child[side]] = LOOK;
+    for (int side = 0; side < 2; side++) {
+        bool is_split = (b->child[side] & MNI_FRONT_BRANCH) != 0;
+        nav->slot_due[first_slot(front, b->child[side])] = is_split ? due : LOOK;
+    }
+    return due <= nav->clock;
+}
+
+/* All splits of a chain stay; their children that are wanted are to be split. */
+static void keep_chain(mni_navigator *nav, uint32_t count) {
+    const mni_front *front = &nav->front;
+    uint32_t parents = 0; /* of children that may be wanted, at the front of the chain */
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t branch = nav->chain[i];
+        nav->chain[parents] = branch;
+        parents += keep_split(nav, branch);
+    }
+    for (uint32_t i = 0; i < parents; i++)
+        for (int side = 0; side < 2; side++) {
+            uint32_t child = front->branch[nav->chain[i]].child[side];
+            if ((child & MNI_FRONT_BRANCH) == 0)
+                consider_split(nav, child);
+        }
 }
 
 static void split_pass(mni_navigator *nav) {
@@ -504,16 +533,9 @@ static void split_pass(mni_navigator *nav) {
                 closed = outcome;
             continue;
         }
-        for (uint32_t i = 0; i < count; i++)
-            keep_split(nav, nav->chain[i]);
         nav->work.splits += count;
         nav->work.triangles_made += front->triangles - triangles;
-        for (uint32_t i = 0; i < count; i++)
-            for (int side = 0; side < 2; side++) {
-                uint32_t child = front->branch[nav->chain[i]].child[side];
-                if ((child & MNI_FRONT_BRANCH) == 0)
-                    consider_split(nav, child);
-            }
+        keep_chain(nav, count);
     }
     nav->version = front->version;
 }

@@ -62,12 +62,14 @@ static void part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
             give(f, given[given_count++] = corner[i], right);
     }
     memcpy(corner, kept, sizeof kept);
+    f->node[slot].more = MNI_FRONT_SHORT + kept_count;
+    f->node[right].more = MNI_FRONT_SHORT + given_count;
 }
 
 /* Of each record: which corners die, and of those the third corner. Then all that live, packed. */
-static uint32_t join(mni_front *f, uint32_t left, uint32_t right, uint32_t *third,
-                     uint32_t kept[2 * HALF]) {
-    uint32_t count = 0, died = 0;
+static uint32_t join(mni_front *f, uint32_t left, uint32_t right, uint32_t *third, uint32_t *over,
+                     uint32_t *over_count) {
+    uint32_t kept[2 * HALF] = {0}, count = 0, died = 0;
     mni_ring ring;
     for (int side = 0; side < 2; side++) {
         const uint32_t *corner = f->node[side ? right : left].corner;
@@ -84,6 +86,10 @@ static uint32_t join(mni_front *f, uint32_t left, uint32_t right, uint32_t *thir
             }
         }
     }
+    memcpy(f->node[left].corner, kept, HALF * sizeof *kept);
+    memcpy(over, kept + HALF, HALF * sizeof *kept);
+    *over_count = count < HALF ? 0 : count - HALF;
+    f->node[left].more = MNI_FRONT_SHORT + count - *over_count;
     return died;
 }
 
@@ -130,13 +136,13 @@ FAST static inline vectors look_fast(const mni_front *f, __m256i corner) {
 }
 
 FAST static inline void put_fast(mni_ring *ring, vectors v) {
-    _mm256_store_si256((__m256i *)(void *)ring->slot, v.after);
-    _mm256_store_si256((__m256i *)(void *)(ring->slot + HALF), v.before);
+    _mm256_storeu_si256((__m256i *)(void *)ring->slot, v.after);
+    _mm256_storeu_si256((__m256i *)(void *)(ring->slot + HALF), v.before);
 }
 
 FAST static inline vectors get_fast(const mni_ring *ring) {
-    return (vectors){_mm256_load_si256((const __m256i *)(const void *)ring->slot),
-                     _mm256_load_si256((const __m256i *)(const void *)(ring->slot + HALF))};
+    return (vectors){_mm256_loadu_si256((const __m256i *)(const void *)ring->slot),
+                     _mm256_loadu_si256((const __m256i *)(const void *)(ring->slot + HALF))};
 }
 
 /* The word of a node's record that lies so many bytes in. */
@@ -208,22 +214,35 @@ FAST static void part_fast(mni_front *f, uint32_t slot, uint32_t right, uint32_t
     __m256i leaves = _mm256_i32gather_epi32(leaf, at_fast(corner), 4);
     uint32_t keeps = bits_of(_mm256_cmpgt_epi32(_mm256_set1_epi32((int)mid), leaves));
     uint32_t there = 0xff ^ equal_fast(corner, _mm256_setzero_si256()), gives = there & ~keeps;
-    uint32_t *given = f->node[right].corner;
-    _mm256_storeu_si256((__m256i *)(void *)f->node[slot].corner, pack_fast(corner, keeps & there));
+    uint32_t *given = f->node[right].corner, count = (uint32_t)__builtin_popcount(gives);
+    keeps &= there;
+    _mm256_storeu_si256((__m256i *)(void *)f->node[slot].corner, pack_fast(corner, keeps));
     _mm256_storeu_si256((__m256i *)(void *)given, pack_fast(corner, gives));
-    for (uint32_t i = 0; i < (uint32_t)__builtin_popcount(gives); i++)
+    f->node[slot].more = MNI_FRONT_SHORT + (uint32_t)__builtin_popcount(keeps);
+    f->node[right].more = MNI_FRONT_SHORT + count;
+    for (uint32_t i = 0; i < count; i++)
         give(f, given[i], right);
 }
 
+/* The first `count` lanes of a, then b's; those that this pushes out go to *over. */
+FAST static inline __m256i chain_fast(__m256i a, uint32_t count, __m256i b, __m256i *over) {
+    const __m256i lane = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+    __m256i shift = _mm256_set1_epi32((int)count);
+    __m256i turned = _mm256_permutevar8x32_epi32(b, _mm256_sub_epi32(lane, shift));
+    __m256i of_b = _mm256_cmpgt_epi32(lane, _mm256_sub_epi32(shift, _mm256_set1_epi32(1)));
+    *over = _mm256_andnot_si256(of_b, turned);
+    return _mm256_blendv_epi8(a, turned, of_b);
+}
+
 FAST static uint32_t join_fast(mni_front *f, uint32_t left, uint32_t right, uint32_t *third,
-                               uint32_t kept[2 * HALF]) {
-    __m256i zero = _mm256_setzero_si256(), corner = corners_fast(f, left);
+                               uint32_t *over, uint32_t *over_count) {
+    __m256i zero = _mm256_setzero_si256(), corner = corners_fast(f, left), beyond;
     __m256i gone = _mm256_set1_epi32((int)right);
     vectors v = look_fast(f, corner);
     uint32_t empty = equal_fast(corner, zero);
     uint32_t dies = equal_fast(v.after, gone) | equal_fast(v.before, gone);
     uint32_t lives = 0xff & ~(dies | empty), count = (uint32_t)__builtin_popcount(lives);
-    _mm256_storeu_si256((__m256i *)(void *)kept, pack_fast(corner, lives));
+    __m256i kept = pack_fast(corner, lives);
 
     corner = corners_fast(f, right);
     gone = _mm256_set1_epi32((int)left);
@@ -232,20 +251,33 @@ FAST static uint32_t join_fast(mni_front *f, uint32_t left, uint32_t right, uint
     __m256i after = _mm256_cmpeq_epi32(v.after, gone);
     dies = bits_of(_mm256_or_si256(after, _mm256_cmpeq_epi32(v.before, gone)));
     lives = 0xff & ~(dies | empty);
-    _mm256_storeu_si256((__m256i *)(void *)(kept + count), pack_fast(corner, lives));
     __m256i thirds = _mm256_blendv_epi8(after_fast(corner), before_fast(corner), after);
     _mm256_storeu_si256((__m256i *)(void *)third, pack_fast(thirds, dies));
-    uint32_t both = count + (uint32_t)__builtin_popcount(lives);
-    for (uint32_t i = count; i < both; i++)
-        give(f, kept[i], left);
+
+    uint32_t given[HALF], more = (uint32_t)__builtin_popcount(lives), both = count + more;
+    __m256i gives = pack_fast(corner, lives);
+    _mm256_storeu_si256((__m256i *)(void *)given, gives);
+    _mm256_storeu_si256((__m256i *)(void *)f->node[left].corner,
+                        chain_fast(kept, count, gives, &beyond));
+    _mm256_storeu_si256((__m256i *)(void *)over, beyond);
+    *over_count = both < HALF ? 0 : both - HALF;
+    f->node[left].more = MNI_FRONT_SHORT + both - *over_count;
+    for (uint32_t i = 0; i < more; i++)
+        give(f, given[i], left);
     return (uint32_t)__builtin_popcount(dies);
+}
+
+FAST static uint32_t place_fast(const mni_front *f, uint32_t slot, uint32_t corner) {
+    uint32_t at = equal_fast(corners_fast(f, slot), _mm256_set1_epi32((int)corner));
+    return (uint32_t)__builtin_ctz(at | 1 << HALF);
 }
 #else
 #define split_fast(f, slot, ring) 0
 #define collapse_fast(f, slot, order, ring) 0
 #define find_fast(f, ring, leaf) 0
 #define part_fast(f, slot, right, mid) (void)0
-#define join_fast(f, left, right, third, kept) 0
+#define join_fast(f, left, right, third, over, over_count) 0
+#define place_fast(f, slot, corner) 0
 #endif
 
 /* ---- either ---------------------------------------------------------------------------------- */
@@ -278,7 +310,7 @@ uint32_t mni_ring_find(const mni_front *f, const mni_ring *ring, uint32_t leaf) 
 }
 
 void mni_ring_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
-    MN_ASSERT(f->node[slot].more == MN_NONE && f->node[right].corner[0] == 0);
+    MN_ASSERT(!mni_front_is_long(&f->node[slot]) && f->node[right].corner[0] == 0);
     if (f->vectors)
         part_fast(f, slot, right, mid);
     else
@@ -288,16 +320,18 @@ void mni_ring_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
 uint32_t mni_ring_join(mni_front *f, uint32_t left, uint32_t right,
                        uint32_t third[MNI_FRONT_CORNERS], uint32_t over[MNI_FRONT_CORNERS],
                        uint32_t *over_count) {
-    uint32_t kept[2 * HALF] = {0}, count = 0;
-    MN_ASSERT(f->node[left].more == MN_NONE && f->node[right].more == MN_NONE);
-    uint32_t died =
-        f->vectors ? join_fast(f, left, right, third, kept) : join(f, left, right, third, kept);
-    memcpy(f->node[left].corner, kept, HALF * sizeof *kept);
-    memcpy(over, kept + HALF, HALF * sizeof *kept);
-    while (count < HALF && over[count] != 0)
-        count++;
-    *over_count = count;
-    return died;
+    MN_ASSERT(!mni_front_is_long(&f->node[left]) && !mni_front_is_long(&f->node[right]));
+    return f->vectors ? join_fast(f, left, right, third, over, over_count)
+                      : join(f, left, right, third, over, over_count);
+}
+
+uint32_t mni_ring_place(const mni_front *f, uint32_t slot, uint32_t corner) {
+    if (f->vectors)
+        return place_fast(f, slot, corner);
+    uint32_t at = HALF;
+    for (uint32_t i = HALF; i-- > 0;)
+        at = f->node[slot].corner[i] == corner ? i : at;
+    return at;
 }
 
 /* ---- ahead of time ---------------------------------------------------------------------------

@@ -5,14 +5,6 @@
 
 #include "front.h"
 
-/* Neighbours of a node, by the corners in its record: the slots of those after them in their
- * simplices, then of those before; `nobody` where there is none. Around a closed fan each neighbour
- * stands once in either half. */
-enum { MNI_RING = 2 * MNI_FRONT_CORNERS };
-typedef struct mni_ring {
-    _Alignas(32) uint32_t slot[MNI_RING];
-} mni_ring;
-
 /* Corner k of simplex s is 4 s + k; its place in the arrays, 3 s + k. Simplex 0 is none. */
 static inline size_t mni_corner_at(uint32_t corner) {
     return corner - corner / 4;
@@ -44,7 +36,7 @@ typedef struct mni_run {
 
 static inline mni_run mni_run_first(const mni_front *f, uint32_t slot) {
     mni_front_node *n = &f->node[slot];
-    return (mni_run){n->corner, MNI_FRONT_CORNERS, n->more};
+    return (mni_run){n->corner, MNI_FRONT_CORNERS, mni_front_is_long(n) ? n->more : MN_NONE};
 }
 
 static inline mni_run mni_run_next(const mni_front *f, mni_run r) {
@@ -75,5 +67,7 @@ void mni_ring_part(mni_front *front, uint32_t slot, uint32_t right, uint32_t mid
 uint32_t mni_ring_join(mni_front *front, uint32_t left, uint32_t right,
                        uint32_t third[MNI_FRONT_CORNERS], uint32_t over[MNI_FRONT_CORNERS],
                        uint32_t *over_count);
+/* Where in the record the corner stands; MNI_FRONT_CORNERS: nowhere. */
+uint32_t mni_ring_place(const mni_front *front, uint32_t slot, uint32_t corner);
 
 #endif

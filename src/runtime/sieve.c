@@ -127,6 +127,27 @@ static inline __attribute__((always_inline)) void tightening(const mni_sieve *s,
     *low = most_of(1, most_of(s->silhouette * least_s, 1 + (s->light - 1) * least_c));
 }
 
+/* A cone's axis, not of length 1, and sine and cosine of its half angle; without a bound, of a
+ * right one. */
+static inline __attribute__((always_inline)) void unfold(float u, float v, float h, float axis[3],
+                                                         float *sin_h, float *cos_h) {
+    u *= 1.0f / MN_CONE_AXIS;
+    v *= 1.0f / MN_CONE_AXIS;
+    float w = 1 - fabsf(u) - fabsf(v);
+    float fu = copysignf(1 - fabsf(v), u), fv = copysignf(1 - fabsf(u), v);
+    axis[0] = w < 0 ? fu : u;
+    axis[1] = w < 0 ? fv : v;
+    axis[2] = w;
+    h *= PI_F / 2 / MN_CONE_NO_BOUND;
+    float hh = h * h;
+    *cos_h =
+        1 + hh * (-1 / 2.0f +
+                  hh * (1 / 24.0f + hh * (-1 / 720.0f + hh * (1 / 40320.0f - hh / 3628800.0f))));
+    *sin_h = h * (1 + hh * (-1 / 6.0f +
+                            hh * (1 / 120.0f +
+                                  hh * (-1 / 5040.0f + hh * (1 / 362880.0f - hh / 39916800.0f)))));
+}
+
 /* Everything of one node; no branches. */
 static inline __attribute__((always_inline)) uint8_t
 judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens, float *margin) {
@@ -140,21 +161,10 @@ judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens, float 
     inmost += r;
     bool out = inmost<-slack, in = inmost> slack;
 
-    float u = b->axis[0][i] * (1.0f / MN_CONE_AXIS), v = b->axis[1][i] * (1.0f / MN_CONE_AXIS);
-    float w = 1 - fabsf(u) - fabsf(v);
-    float fu = copysignf(1 - fabsf(v), u), fv = copysignf(1 - fabsf(u), v);
-    u = w < 0 ? fu : u;
-    v = w < 0 ? fv : v;
-    float length = sqrtf(u * u + v * v + w * w);
-    float along = -(u * dx + v * dy + w * dz);                         /* × length */
-    float h = b->angle[i] * (PI_F / 2 / MN_CONE_NO_BOUND), hh = h * h; /* no bound: a right angle */
-    float cos_h =
-        1 + hh * (-1 / 2.0f +
-                  hh * (1 / 24.0f + hh * (-1 / 720.0f + hh * (1 / 40320.0f - hh / 3628800.0f))));
-    float sin_h =
-        h *
-        (1 + hh * (-1 / 6.0f + hh * (1 / 120.0f + hh * (-1 / 5040.0f +
-                                                        hh * (1 / 362880.0f - hh / 39916800.0f)))));
+    float axis[3], sin_h, cos_h;
+    unfold(b->axis[0][i], b->axis[1][i], b->angle[i], axis, &sin_h, &cos_h);
+    float u = axis[0], v = axis[1], w = axis[2], length = sqrtf(u * u + v * v + w * w);
+    float along = -(u * dx + v * dy + w * dz); /* × length */
     float rest = square - r * r, unsure = 2e-6f * square + 4 * s->slack * d;
     float most = sqrtf(rest + unsure > 0 ? rest + unsure : 0);
     float least = sqrtf(rest - unsure > 0 ? rest - unsure : 0);
@@ -207,6 +217,53 @@ judge(const mni_sieve *s, const mni_sieve_batch *b, int i, bool tightens, float 
     wanted_room = light > s->distance_min ? wanted_room : 0;
     *margin = most_of(unwanted ? unwanted_room : wanted ? wanted_room : 0, 0);
     return (uint8_t)(unwanted ? MNI_UNWANTED : wanted ? MNI_WANTED : MNI_UNSURE);
+}
+
+/* In double what is close to call, and, since the weight is known otherwise, the error alone. */
+bool mni_sieve_wants(const mni_sieve *s, const mni_lens *lens, const mni_bounds *node,
+                     double *priority_px) {
+    float dx = node->position[0] - s->eye[0], dy = node->position[1] - s->eye[1];
+    float dz = node->position[2] - s->eye[2], r = node->radius;
+    float square = dx * dx + dy * dy + dz * dz, d = sqrtf(square), slack = s->slack + RELATIVE * d;
+    float reach = s->reach * node->switch_value;
+    if (d > (s->reach_most * node->switch_value + r) * (1 + RELATIVE) + slack)
+        return false;
+    float inmost = INFINITY;
+    for (int p = 0; p < 5; p++)
+        inmost = least_of(inmost, s->plane[p][0] * dx + s->plane[p][1] * dy + s->plane[p][2] * dz);
+    inmost += r;
+    bool out = inmost<-slack, in = inmost> slack;
+    float weight = out ? s->outside : 1;
+    if (!s->tightens && (in || out) && d > (reach * weight + r) * (1 + RELATIVE) + slack)
+        return false;
+
+    float axis[3], sin_h, cos_h;
+    unfold(node->cone.axis[0], node->cone.axis[1], node->cone.angle, axis, &sin_h, &cos_h);
+    float length = sqrtf(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+    float along = -(axis[0] * dx + axis[1] * dy + axis[2] * dz);
+    float rest = square - r * r, unsure = 2e-6f * square + 4 * s->slack * d;
+    float most = sqrtf(most_of(rest + unsure, 0)), least = sqrtf(most_of(rest - unsure, 0));
+    bool away = (d > r + slack) & (cos_h * least - sin_h * r > slack) &
+                (along < -length * (sin_h * most + cos_h * r + slack));
+    bool facing = (cos_h * most - sin_h * r < -slack) | (d < r - slack) |
+                  (along > -length * (sin_h * least + cos_h * r - slack));
+    if (!s->tightens && (in || out) && (away || facing)) {
+        weight = away ? weight * s->away : weight;
+        if (d > (reach * weight + r) * (1 + RELATIVE) + slack)
+            return false;
+        if (d < (reach * weight + r) * (1 - RELATIVE) - slack && reach * weight > s->distance_min) {
+            *priority_px = mni_lens_error_px(lens, node);
+            if (out && lens->outside > 1)
+                *priority_px /= lens->outside;
+            if (away && lens->away > 1)
+                *priority_px /= lens->away;
+            return true;
+        }
+    }
+    if (!mni_lens_wants(lens, node))
+        return false;
+    *priority_px = mni_lens_priority(lens, node);
+    return true;
 }
 
 static inline __attribute__((always_inline)) void far_all(const mni_sieve *s, const float *position,

@@ -44,6 +44,9 @@ static inline void mni_sieve_put(mni_sieve_batch *batch, int i, const float posi
     batch->axis[1][i] = cone.axis[1];
     batch->angle[i] = cone.angle;
 }
+/* mni_lens_wants of one node, and, of those that are wanted, mni_lens_priority, to the last bit. */
+bool mni_sieve_wants(const mni_sieve *sieve, const mni_lens *lens, const mni_bounds *node,
+                     double *priority_px);
 /* How much a camera's motion can change any verdict by, at most, in lengths of the model: INFINITY
  * where more than eye and planes has changed. size: no coordinate of a node is larger. Motions add
  * up. */

@@ -115,6 +115,9 @@ static uint32_t compare(const mni_sieve *sieve, const mni_lens *lens, const node
     for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
         mni_bounds bounds = bounds_of(&nodes[i]);
         bool wanted = mni_lens_wants(lens, &bounds);
+        double priority_px = 0;
+        ck_assert(mni_sieve_wants(sieve, lens, &bounds, &priority_px) == wanted);
+        ck_assert(!wanted || priority_px == mni_lens_priority(lens, &bounds));
         ck_assert_uint_le(verdict[i], MNI_UNWANTED);
         ck_assert(verdict[i] != MNI_WANTED || wanted);
         ck_assert(verdict[i] != MNI_UNWANTED || !wanted);
