@@ -61,6 +61,7 @@ const char *const cli_on_off[] = {"on", "off", NULL};
 
 static bool take_value(const cli_flag *flag) {
     double length = 0;
+    uint64_t size = 0;
     int choice = 0;
     bool good = true;
     switch (flag->kind) {
@@ -72,6 +73,10 @@ static bool take_value(const cli_flag *flag) {
         break;
     case CLI_IS_WHOLE:
         good = cli_u64(optarg, flag->min, flag->max, flag->to);
+        break;
+    case CLI_IS_SIZE:
+        good = cli_size(optarg, &size) && size >= flag->min && size <= flag->max;
+        *(uint64_t *)flag->to = size;
         break;
     case CLI_IS_LENGTH:
         good = cli_double(optarg, 0, FLT_MAX, &length);

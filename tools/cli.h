@@ -43,6 +43,7 @@ typedef enum cli_kind {
     CLI_IS_SWITCH, /* bool: given */
     CLI_IS_TEXT,   /* const char * */
     CLI_IS_WHOLE,  /* uint64_t in min … max */
+    CLI_IS_SIZE,   /* the same, as 16M and the like */
     CLI_IS_LENGTH, /* float, 0 or more */
     CLI_IS_CHOICE, /* int: which of names, NULL at their end */
 } cli_kind;
@@ -64,6 +65,8 @@ typedef struct cli_flag {
     { .name = "output", .letter = 'o', .kind = CLI_IS_TEXT, .to = to_ }
 #define CLI_WHOLE(name_, to_, min_, max_, wants_)                                                  \
     { .name = name_, .kind = CLI_IS_WHOLE, .to = to_, .min = min_, .max = max_, .wants = wants_ }
+#define CLI_SIZE(name_, to_, min_, max_, wants_)                                                   \
+    { .name = name_, .kind = CLI_IS_SIZE, .to = to_, .min = min_, .max = max_, .wants = wants_ }
 #define CLI_CHOICE(name_, to_, names_, wants_)                                                     \
     { .name = name_, .kind = CLI_IS_CHOICE, .to = to_, .names = names_, .wants = wants_ }
 enum { CLI_FLAGS_MAX = 16 };

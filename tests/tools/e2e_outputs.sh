@@ -164,6 +164,7 @@ interrupted() {
         check "$name: exit $code" test "$code" -eq 1
         one_line "$name" "interrupted by SIG$signal"
     fi
+    [[ $name != build*KILL ]] || rm -r work/out.work # for --resume; e2e_kill.sh has what it is good for
     still "$name" work/out
 }
 

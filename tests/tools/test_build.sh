@@ -39,7 +39,9 @@ for key in vertices triangles input_faces duplicate_faces degenerate_faces nonfi
     misoriented_faces unused_vertices welded_vertices merged_positions nonmanifold_edges \
     boundary_edges components roots nodes hinges collapses_by_stage virtual_collapses legal_last \
     depth_max block_depth blocks fill_mean order_violations rounds collapses_per_second \
-    seconds_read seconds_simplify seconds_block bytes_read bytes_written file_bytes \
+    seconds_read seconds_simplify seconds_order seconds_block bytes_read bytes_written file_bytes \
+    bytes_read_read bytes_read_simplify bytes_read_order bytes_read_block bytes_written_read \
+    bytes_written_simplify bytes_written_order bytes_written_block temp_bytes_planned temp_bytes_peak \
     bytes_per_vertex ram_cap_bytes rss_peak_bytes l block_bytes metric blocking; do
     [ "$(grep -c "^  \"$key\": " out.txt)" -eq 1 ] || fail "build --json: key $key"
 done
@@ -99,6 +101,8 @@ expect 2 build in.ply -o x.mnt --block-bytes 5000
 expect 2 build in.ply -o x.mnt --block-bytes 2M
 expect 2 build in.ply -o x.mnt --ram much
 expect 2 block a.vdt -o x.mnt --metric qem
+expect 2 block a.vdt -o x.mnt --resume
+expect 2 build in.ply -o x.mnt -j 0
 expect 2 extract a.mnt -o x.ply
 expect 2 extract a.mnt --full --error 1 -o x.ply
 expect 2 extract a.mnt --error -1 -o x.ply

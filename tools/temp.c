@@ -1,0 +1,107 @@
+/* See temp.h. Hidden here: that a temporary file is known by having no name, or one in the folder
+ * of finished phases, and that /proc/self/fd lists them: so nobody has to count what is written,
+ * what is given back in holes, and what has been closed. The output, while it is written, has no
+ * name either, and is counted. */
+#include "temp.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <libgen.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <time.h>
+#include <unistd.h>
+
+static const double MEGABYTE = 1048576;
+static const double LOOKS_APART_S = 0.05;
+
+/* Outputs of one name in two folders may have one --temp-dir: their folders tell them apart. */
+static uint32_t hash_of_folder(const char *out) {
+    char *copy = strdup(out), *folder = copy == NULL ? NULL : realpath(dirname(copy), NULL);
+    uint32_t hash = 2166136261u; /* FNV-1a */
+    for (const char *at = folder; at != NULL && *at != 0; at++)
+        hash = (hash ^ (unsigned char)*at) * 16777619u;
+    free(folder);
+    free(copy);
+    return hash;
+}
+
+mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, mn_status *st) {
+    char *copy = strdup(out), *name = strdup(out);
+    int folder_length = -1, work_length = -1;
+    *files = (temp_files){0};
+    if (copy != NULL && name != NULL && temp_dir == NULL) {
+        folder_length = snprintf(files->folder, sizeof files->folder, "%s", dirname(copy));
+        work_length = snprintf(files->work, sizeof files->work, "%s.work", out);
+    } else if (copy != NULL && name != NULL) {
+        folder_length = snprintf(files->folder, sizeof files->folder, "%s", temp_dir);
+        work_length = snprintf(files->work, sizeof files->work, "%s/%s-%08x.work", temp_dir,
+                               basename(name), hash_of_folder(out));
+    }
+    free(copy);
+    free(name);
+    if (folder_length < 0 || work_length < 0)
+        return mn_fail(st, MN_FAILED, "out of memory for names");
+    if ((size_t)folder_length >= sizeof files->folder || (size_t)work_length >= sizeof files->work)
+        return mn_fail(st, MN_FAILED, "%.80s…: too long a name", out);
+    return MN_OK;
+}
+
+mn_code temp_check(const temp_files *files, const char *out, mn_status *st) {
+    struct statvfs disk;
+    if (statvfs(files->folder, &disk) != 0)
+        return mn_fail(st, MN_FAILED, "%s: %s; name another folder with --temp-dir", files->folder,
+                       strerror(errno));
+    const double planned = (double)files->planned_bytes;
+    const double left = (double)disk.f_bavail * (double)disk.f_frsize;
+    if (left < planned)
+        return mn_fail(
+            st, MN_NO_SPACE,
+            "%s: no space in %s: up to %.1f MB are needed for temporary files, %.1f MB are "
+            "free; make room, or name another folder with --temp-dir",
+            out, files->folder, planned / MEGABYTE, left / MEGABYTE);
+    if (isatty(STDERR_FILENO))
+        fprintf(stderr, "metanode: up to %.1f MB of temporary files in %s, %.1f MB are free\n",
+                planned / MEGABYTE, files->folder, left / MEGABYTE);
+    return MN_OK;
+}
+
+/* Bytes on disk of an open file that is temporary; 0: it is not. */
+static uint64_t held_by(const char *fd, const char *work) {
+    char link[64], path[PATH_MAX];
+    struct stat info;
+    snprintf(link, sizeof link, "/proc/self/fd/%.20s", fd);
+    if (stat(link, &info) != 0 || !S_ISREG(info.st_mode))
+        return 0;
+    if (info.st_nlink > 0) {
+        const ssize_t length = readlink(link, path, sizeof path - 1);
+        const size_t folder = strlen(work);
+        path[length > 0 ? length : 0] = 0;
+        if (strncmp(path, work, folder) != 0 || path[folder] != '/')
+            return 0;
+    }
+    return (uint64_t)info.st_blocks * 512;
+}
+
+void temp_look(temp_files *files) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    const double now_s = (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+    if (now_s - files->looked_s < LOOKS_APART_S)
+        return;
+    files->looked_s = now_s;
+    DIR *list = opendir("/proc/self/fd");
+    char *work = realpath(files->work, NULL);
+    const struct dirent *entry;
+    files->held_bytes = 0;
+    while (list != NULL && (entry = readdir(list)) != NULL)
+        files->held_bytes += held_by(entry->d_name, work != NULL ? work : "//");
+    if (files->held_bytes > files->peak_bytes)
+        files->peak_bytes = files->held_bytes;
+    free(work);
+    if (list != NULL)
+        closedir(list);
+}

@@ -1,0 +1,28 @@
+/* Temporary files of a build: where they lie, how much disk they take, and whether it is there.
+ * Main thread, or whoever has the build's progress callback. */
+#ifndef METANODE_TEMP_H
+#define METANODE_TEMP_H
+
+#include <limits.h>
+#include <stdint.h>
+
+#include "metanode/status.h"
+
+typedef struct temp_files {
+    char folder[PATH_MAX];  /* for files without names: --temp-dir, or the output's */
+    char work[PATH_MAX];    /* of the phases that are finished (mn_work): in there */
+    uint64_t planned_bytes; /* at most so many are thought to be needed */
+    uint64_t held_bytes, peak_bytes;
+    double looked_s; /* when that was */
+} temp_files;
+
+/* Chooses both folders; temp_dir may be NULL. MN_FAILED: a name that is too long. */
+mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, mn_status *st);
+/* MN_NO_SPACE where the folder's disk has less room than what is planned. On a terminal that plan
+ * is told, on standard error. out: for whose sake. */
+mn_code temp_check(const temp_files *files, const char *out, mn_status *st);
+/* Adds up what this process holds, by its open files. At most 20 times a second; otherwise nothing
+ * is done. */
+void temp_look(temp_files *files);
+
+#endif
