@@ -1,41 +1,182 @@
-/* See history.h. Hidden here: how collapses get the order in which they count.
+/* Collapses and killed simplices in few bytes each: see history.h.
  *
- * A collapse was made in some round, in some cell; where it belongs is said by its stage and its
- * key, the largest cost that it has waited for. Nothing comes before what it has waited for: that
- * has no larger key, and was made earlier. Leaves are numbered downwards: a collapse's children
- * were made before it, so one pass from the last to the first does. */
+ * Hides: the packing. Numbers are varints (varint.h), and most are differences: a child that was
+ * made shortly before, a leaf or a corner next to the last one, a key little above the last. Of
+ * floats, what files will hold of them is kept. A collapse comes to about 20 bytes, of 52 in
+ * memory, a triangle to 6 of 12; the disk sees them twice.
+ *
+ *   collapse: left, right      leaf: fold(id - last leaf) × 2; node: (number - its number) × 2 + 1
+ *             facts            u64
+ *             key              fold(bits - last key's)
+ *             left, right      leaves - 1, and where there is more than one, split - 1
+ *             simplices
+ *   killed:   corners          fold(- last simplex's first), fold(- first) × 2, 0: hinge
+ *
+ * One thread at a time; memory: three pending pieces of what is written. */
 #include "history.h"
 
+#include <errno.h>
 #include <stdlib.h>
-#include <string.h>
+#include <unistd.h>
 
 #include "assert.h"
 #include "block.h"
-#include "tree.h"
+#include "block_layout.h"
+#include "varint.h"
 
-enum { CHUNK = 4096 }; /* collapses, or simplices, read at once */
+enum {
+    PENDING_BYTES = 16 << 10,
+    RECORD_MAX = 64, /* 2 × 5 ids, 8 facts, 5 key, 4 × 5 leaves, 5 simplices: 48 */
+};
+enum { COLLAPSE, KILLED, GROUP };
+
+typedef struct group_place {
+    uint64_t collapse, killed; /* where it begins */
+} group_place;
+
+static mni_spill *spill_of(mni_history *h, int which) {
+    return which == COLLAPSE ? &h->collapse : which == KILLED ? &h->killed : &h->group;
+}
 
 mn_code mni_history_open(mni_history *h, const char *temp_dir, bool keep, mn_status *st) {
-    *h = (mni_history){.collapse = {.fd = -1}, .killed = {.fd = -1}};
-    mn_code code = mni_spill_open_kept(&h->collapse, temp_dir, keep, st);
-    return code == MN_OK ? mni_spill_open_kept(&h->killed, temp_dir, keep, st) : code;
+    *h = (mni_history){.collapse = {.fd = -1}, .killed = {.fd = -1}, .group = {.fd = -1}};
+    h->pending[0] = malloc(3 * PENDING_BYTES);
+    if (h->pending[0] == NULL)
+        return mn_fail(st, MN_FAILED, "out of memory for a temporary file");
+    mn_code code = MN_OK;
+    for (int i = 0; i < 3 && code == MN_OK; i++) {
+        h->pending[i] = h->pending[0] + (size_t)i * PENDING_BYTES;
+        code = mni_spill_open_kept(spill_of(h, i), temp_dir, keep, st);
+    }
+    return code;
 }
 
 void mni_history_close(mni_history *h) {
-    mni_spill_close(&h->collapse);
-    mni_spill_close(&h->killed);
+    if (h->pending[0] == NULL)
+        return;
+    for (int i = 0; i < 3; i++)
+        mni_spill_close(spill_of(h, i));
+    free(h->pending[0]);
+    h->pending[0] = NULL;
+}
+
+/* ---- facts ---------------------------------------------------------------------------------- */
+
+_Static_assert(MNI_SWITCH_SHIFT == 18 && MNI_RADIUS_SHIFT == 19,
+               "what is left fits 13 and 12 bits");
+
+uint32_t mni_facts_value(float value) {
+    MN_ASSERT(value >= 0);
+    return mni_float_bits(mni_switch_up(value) + 0.0f) >> MNI_SWITCH_SHIFT;
+}
+
+float mni_facts_value_of(uint32_t bits) {
+    return mni_float_of(bits << MNI_SWITCH_SHIFT);
+}
+
+float mni_facts_radius_of(uint64_t bounds) {
+    return mni_float_of((uint32_t)(bounds & 0xfff) << MNI_RADIUS_SHIFT);
+}
+
+mn_cone mni_facts_cone_of(uint64_t bounds) {
+    uint32_t cone = (uint32_t)(bounds >> 12);
+    return (mn_cone){{(int8_t)(cone & 0xff), (int8_t)(cone >> 8 & 0xff)}, (uint8_t)(cone >> 16)};
+}
+
+static uint64_t facts_of(const mni_cell_collapse *c) {
+    uint64_t radius = mni_float_bits(c->bounds.radius) >> MNI_RADIUS_SHIFT;
+    mn_cone cone = c->bounds.cone;
+    MN_ASSERT(mni_radius_up(c->bounds.radius) == c->bounds.radius && c->bounds.radius >= 0);
+    uint64_t packed = (uint64_t)(uint8_t)cone.axis[0] | (uint64_t)(uint8_t)cone.axis[1] << 8 |
+                      (uint64_t)cone.angle << 16;
+    return mni_facts_value(c->left_value) | (uint64_t)mni_facts_value(c->right_value) << 13 |
+           radius << 26 | packed << 38;
+}
+
+/* ---- writing -------------------------------------------------------------------------------- */
+
+static void flush(mni_history *h, int which) {
+    mni_spill_append(spill_of(h, which), h->pending[which], h->pending_bytes[which]);
+    h->pending_bytes[which] = 0;
+}
+
+/* Room for a record; what is put there ends at what put_end is told. */
+static unsigned char *put_begin(mni_history *h, int which) {
+    if (h->pending_bytes[which] > PENDING_BYTES - RECORD_MAX)
+        flush(h, which);
+    return h->pending[which] + h->pending_bytes[which];
+}
+
+static void put_end(mni_history *h, int which, const unsigned char *end) {
+    h->pending_bytes[which] = (uint32_t)(end - h->pending[which]);
+}
+
+static void begin_group(mni_history *h) {
+    group_place place = {h->collapse.size_bytes + h->pending_bytes[COLLAPSE],
+                         h->killed.size_bytes + h->pending_bytes[KILLED]};
+    unsigned char *to = put_begin(h, GROUP);
+    memcpy(to, &place, sizeof place);
+    put_end(h, GROUP, to + sizeof place);
+    h->last_leaf = h->last_key = h->last_corner = 0;
+}
+
+static unsigned char *put_node(unsigned char *to, uint32_t node, uint32_t number, uint32_t *last) {
+    if (node >= MNI_COLLAPSE)
+        return mni_varint_put(to, (uint64_t)(number - (node - MNI_COLLAPSE)) * 2 + 1);
+    to = mni_varint_put(to, mni_fold(node, *last) * 2);
+    *last = node;
+    return to;
+}
+
+static unsigned char *put_leaves(unsigned char *to, uint32_t leaves, uint32_t split) {
+    MN_ASSERT(leaves > split && (leaves > 1) == (split > 0));
+    to = mni_varint_put(to, leaves - 1);
+    return leaves > 1 ? mni_varint_put(to, split - 1) : to;
+}
+
+static void add_collapse(mni_history *h, const mni_cell_collapse *c) {
+    uint64_t facts = facts_of(c);
+    uint32_t key = mni_float_bits(c->key);
+    unsigned char *to = put_begin(h, COLLAPSE);
+    MN_ASSERT(c->key >= 0);
+    to = put_node(to, c->left, h->collapses, &h->last_leaf);
+    to = put_node(to, c->right, h->collapses, &h->last_leaf);
+    memcpy(to, &facts, sizeof facts);
+    to = mni_varint_put(to + sizeof facts, mni_fold(key, h->last_key));
+    to = put_leaves(to, c->left_leaves, c->left_split);
+    to = put_leaves(to, c->right_leaves, c->right_split);
+    to = mni_varint_put(to, c->simplices);
+    put_end(h, COLLAPSE, to);
+    h->last_key = key;
+}
+
+static void add_killed(mni_history *h, const uint32_t corner[3]) {
+    unsigned char *to = put_begin(h, KILLED);
+    to = mni_varint_put(to, mni_fold(corner[0], h->last_corner));
+    to = mni_varint_put(to, mni_fold(corner[1], corner[0]));
+    to = mni_varint_put(to, corner[2] == MN_NONE ? 0 : mni_fold(corner[2], corner[0]));
+    put_end(h, KILLED, to);
+    h->last_corner = corner[0];
+}
+
+static mn_code trouble_of(mni_history *h, mn_status *st) {
+    for (int i = 0; i < 3; i++)
+        if (spill_of(h, i)->trouble.code != MN_OK)
+            return mn_fail(st, spill_of(h, i)->trouble.code, "%s", spill_of(h, i)->trouble.text);
+    return MN_OK;
 }
 
 mn_code mni_history_add(mni_history *h, const mni_cell *cell, mn_status *st) {
     const mn_build_counts *c = &cell->counts;
-    if (mni_spill_append(&h->collapse, cell->collapse, cell->collapses * sizeof *cell->collapse) !=
-            MN_OK ||
-        mni_spill_append(&h->killed, cell->killed, cell->killed_count * sizeof *cell->killed) !=
-            MN_OK) {
-        *st = h->collapse.trouble.code != MN_OK ? h->collapse.trouble : h->killed.trouble;
-        return st->code;
+    const uint32_t(*killed)[3] = (const uint32_t(*)[3])cell->killed;
+    for (uint32_t i = 0; i < cell->collapses; i++, h->collapses++) {
+        if (h->collapses % MNI_HISTORY_GROUP == 0)
+            begin_group(h);
+        add_collapse(h, &cell->collapse[i]);
+        for (uint32_t k = 0; k < cell->collapse[i].simplices; k++)
+            add_killed(h, *killed++);
     }
-    h->collapses += cell->collapses;
+    MN_ASSERT(killed == (const uint32_t(*)[3])cell->killed + cell->killed_count);
     h->killed_count += cell->killed_count;
     h->hinges += cell->hinges;
     h->counts.boundary_edges += c->boundary_edges;
@@ -44,217 +185,110 @@ mn_code mni_history_add(mni_history *h, const mni_cell *cell, mn_status *st) {
     h->counts.components += c->components;
     for (int i = 0; i < 4; i++)
         h->counts.collapses_by_stage[i] += c->collapses_by_stage[i];
-    return MN_OK;
+    return trouble_of(h, st);
 }
 
-/* ---- the tree ---- */
-
-typedef struct standing {
-    uint32_t key, number; /* floats that are not negative sort as their bits do */
-} standing;
-
-static int by_standing(const void *a, const void *b) {
-    const standing *x = a, *y = b;
-    if (x->key != y->key)
-        return x->key < y->key ? -1 : 1;
-    return x->number < y->number ? -1 : 1;
+mn_code mni_history_end(mni_history *h, mn_status *st) {
+    for (int i = 0; i < 3; i++)
+        flush(h, i);
+    return trouble_of(h, st);
 }
 
-typedef struct grower {
-    mni_history *history;
-    const uint32_t *vertex_of;
-    mn_tree *tree;
-    mn_status *st;
-    standing *standing; /* collapses */
-    uint32_t *rank;     /* a collapse: its place in the tree */
-    uint32_t *low;      /* a collapse: its leaf_lo; then where its simplices go next */
-    uint32_t *leaf_of;  /* an id */
-    mni_cell_collapse *chunk;
-    uint32_t (*corners)[3];
-} grower;
+/* ---- reading -------------------------------------------------------------------------------- */
 
-static mn_code read_at(grower *g, mni_spill *spill, uint64_t row, uint32_t count, void *rows,
-                       size_t row_bytes) {
-    mni_spill_reader reader;
-    mni_spill_reader_open(&reader, spill, row * row_bytes, (row + count) * row_bytes, rows,
-                          count * row_bytes, false);
-    if (mni_spill_take(&reader, count * row_bytes) != NULL)
+static mn_code read_at(mni_spill *spill, uint64_t offset, void *bytes, size_t count,
+                       mn_status *st) {
+    mni_spill_reader r;
+    mni_spill_reader_open(&r, spill, offset, offset + count, bytes, count, false);
+    if (mni_spill_take(&r, count) != NULL)
         return MN_OK;
-    *g->st = spill->trouble;
-    return g->st->code;
+    return mn_fail(st, spill->trouble.code, "%s", spill->trouble.text);
 }
 
-/* Calls `what` with all collapses, CHUNK at a time; backwards from the last chunk to the first. */
-static mn_code each_chunk(grower *g, bool backwards,
-                          void (*what)(grower *g, uint32_t first, uint32_t count)) {
-    uint32_t total = g->history->collapses, chunks = (total + CHUNK - 1) / CHUNK;
-    for (uint32_t i = 0; i < chunks; i++) {
-        uint32_t first = (backwards ? chunks - 1 - i : i) * CHUNK;
-        uint32_t count = total - first < CHUNK ? total - first : CHUNK;
-        mn_code code = read_at(g, &g->history->collapse, first, count, g->chunk, sizeof *g->chunk);
-        if (code != MN_OK)
-            return code;
-        what(g, first, count);
-    }
-    return MN_OK;
+static mn_code open_group(mni_history_reader *r, mni_history *h, int which, uint32_t group,
+                          void *buffer, size_t buffer_bytes, mn_status *st) {
+    uint32_t groups = (h->collapses + MNI_HISTORY_GROUP - 1) / MNI_HISTORY_GROUP;
+    group_place place[2] = {{0}, {h->collapse.size_bytes, h->killed.size_bytes}};
+    MN_ASSERT(group < groups && buffer_bytes >= MNI_HISTORY_BUFFER_MIN);
+    mn_code code = read_at(&h->group, group * sizeof *place, place,
+                           (group + 1 < groups ? 2 : 1) * sizeof *place, st);
+    *r = (mni_history_reader){.spill = spill_of(h, which),
+                              .next = which == COLLAPSE ? place[0].collapse : place[0].killed,
+                              .end = which == COLLAPSE ? place[1].collapse : place[1].killed,
+                              .buffer = buffer,
+                              .buffer_bytes = buffer_bytes,
+                              .number = group * MNI_HISTORY_GROUP};
+    r->at = r->limit = r->buffer + RECORD_MAX;
+    return code;
 }
 
-static void take_keys(grower *g, uint32_t first, uint32_t count) {
-    for (uint32_t i = 0; i < count; i++) {
-        memcpy(&g->standing[first + i].key, &g->chunk[i].key, sizeof g->chunk[i].key);
-        g->standing[first + i].number = first + i;
-    }
+mn_code mni_history_group(mni_history_reader *r, mni_history *h, uint32_t group, void *buffer,
+                          size_t buffer_bytes, mn_status *st) {
+    return open_group(r, h, COLLAPSE, group, buffer, buffer_bytes, st);
 }
 
-/* Stages follow each other in the order of making. */
-static void rank_collapses(grower *g) {
-    uint32_t start = 0;
-    for (int stage = 0; stage < 4; stage++) {
-        uint32_t count = (uint32_t)g->history->counts.collapses_by_stage[stage];
-        qsort(g->standing + start, count, sizeof *g->standing, by_standing);
-        start += count;
-    }
-    MN_ASSERT(start == g->history->collapses);
-    for (uint32_t i = 0; i < start; i++)
-        g->rank[g->standing[i].number] = i;
+mn_code mni_history_group_killed(mni_history_reader *r, mni_history *h, uint32_t group,
+                                 void *buffer, size_t buffer_bytes, mn_status *st) {
+    return open_group(r, h, KILLED, group, buffer, buffer_bytes, st);
 }
 
-static void lower(grower *g, uint32_t node, uint32_t low) {
-    if (node >= MNI_COLLAPSE)
-        g->low[node - MNI_COLLAPSE] = low;
-    else
-        g->leaf_of[node] = low;
+/* A whole record at r->at. What is left of the buffer, less than a record, goes before the rest. */
+static bool refill(mni_history_reader *r) {
+    size_t left = (size_t)(r->limit - r->at);
+    unsigned char *to = r->buffer + RECORD_MAX;
+    size_t room = r->buffer_bytes - RECORD_MAX;
+    size_t want = r->end - r->next < room ? (size_t)(r->end - r->next) : room;
+    memmove(to - left, r->at, left);
+    r->at = to - left;
+    mn_status st = {0};
+    if (want > 0 && read_at(r->spill, r->next, to, want, &st) != MN_OK)
+        return false;
+    r->next += want;
+    r->limit = to + want;
+    return r->at < r->limit;
 }
 
-static void number_leaves(grower *g, uint32_t first, uint32_t count) {
-    for (uint32_t i = count; i-- > 0;) {
-        const mni_cell_collapse *c = &g->chunk[i];
-        lower(g, c->left, g->low[first + i]);
-        lower(g, c->right, g->low[first + i] + c->left_leaves);
-    }
+static inline bool has_record(mni_history_reader *r) {
+    if (__builtin_expect((size_t)(r->limit - r->at) >= RECORD_MAX, 1))
+        return true;
+    if (r->next < r->end)
+        return refill(r);
+    return r->at < r->limit && r->spill->trouble.code == MN_OK;
 }
 
-/* A child's order id; its value is the parent's to say. */
-static uint32_t child(grower *g, uint32_t node, float value) {
-    if (node < MNI_COLLAPSE)
-        return g->leaf_of[node];
-    uint32_t at = g->rank[node - MNI_COLLAPSE];
-    g->tree->switch_value[at] = mni_switch_up(value);
-    return g->tree->leaves + at;
+static uint32_t take_node(mni_history_reader *r) {
+    uint64_t code = mni_varint_get(&r->at);
+    if (code & 1)
+        return MNI_COLLAPSE + r->number - (uint32_t)(code / 2);
+    return r->last_leaf = mni_unfold(code / 2, r->last_leaf);
 }
 
-static void fill_nodes(grower *g, uint32_t first, uint32_t count) {
-    mn_tree *t = g->tree;
-    for (uint32_t i = 0; i < count; i++) {
-        const mni_cell_collapse *c = &g->chunk[i];
-        uint32_t at = g->rank[first + i];
-        t->left[at] = child(g, c->left, c->left_value);
-        t->right[at] = child(g, c->right, c->right_value);
-        t->radius[at] = c->bounds.radius;
-        t->cone[at] = c->bounds.cone;
-        t->simplex_start[at] = c->simplices;
-        g->low[first + i] = c->simplices;
-    }
+static void take_leaves(mni_history_reader *r, uint32_t *leaves, uint32_t *split) {
+    *leaves = (uint32_t)mni_varint_get(&r->at) + 1;
+    *split = *leaves > 1 ? (uint32_t)mni_varint_get(&r->at) + 1 : 0;
 }
 
-/* Simplices come as their collapses do. */
-static mn_code fill_simplices(grower *g) {
-    mn_tree *t = g->tree;
-    uint32_t sum = 0, collapse = 0, of_it = 0;
-    for (uint32_t i = 0; i <= t->inner; i++) {
-        uint32_t count = i < t->inner ? t->simplex_start[i] : 0;
-        t->simplex_start[i] = sum;
-        sum += count;
-    }
-    for (uint32_t first = 0; first < t->simplices; first += CHUNK) {
-        uint32_t count = t->simplices - first < CHUNK ? t->simplices - first : CHUNK;
-        mn_code code =
-            read_at(g, &g->history->killed, first, count, g->corners, sizeof *g->corners);
-        if (code != MN_OK)
-            return code;
-        for (uint32_t i = 0; i < count; i++) {
-            while (of_it == g->low[collapse]) {
-                collapse++;
-                of_it = 0;
-            }
-            uint32_t *to = &t->corner[3 * ((size_t)t->simplex_start[g->rank[collapse]] + of_it++)];
-            for (int c = 0; c < 3; c++)
-                to[c] = g->corners[i][c] == MN_NONE ? MN_NONE : g->leaf_of[g->corners[i][c]];
-        }
-    }
-    return MN_OK;
+bool mni_history_next(mni_history_reader *r, mni_history_collapse *out) {
+    if (!has_record(r))
+        return false;
+    out->left = take_node(r);
+    out->right = take_node(r);
+    memcpy(&out->facts, r->at, sizeof out->facts);
+    r->at += sizeof out->facts;
+    out->key = r->last_key = mni_unfold(mni_varint_get(&r->at), r->last_key);
+    take_leaves(r, &out->left_leaves, &out->left_split);
+    take_leaves(r, &out->right_leaves, &out->right_split);
+    out->simplices = (uint32_t)mni_varint_get(&r->at);
+    r->number++;
+    return true;
 }
 
-static void place_leaves(grower *g, const mn_mesh *mesh) {
-    mn_tree *t = g->tree;
-    for (uint32_t id = 0; id < t->leaves; id++) {
-        size_t leaf = g->leaf_of[id], v = g->vertex_of[id];
-        for (size_t i = 0; i < 3; i++) /* -0 becomes 0: blocks hold differences */
-            t->leaf_position[3 * leaf + i] = mesh->position[3 * v + i] + 0.0f;
-        if (t->leaf_color != NULL)
-            t->leaf_color[leaf] = mesh->color[v];
-    }
-}
-
-static mn_code grow(grower *g, const mn_mesh *mesh) {
-    mn_tree *t = g->tree;
-    mn_code code = each_chunk(g, false, take_keys);
-    if (code != MN_OK)
-        return code;
-    rank_collapses(g);
-    free(g->standing);
-    g->standing = NULL;
-    lower(g, MNI_COLLAPSE + t->inner - 1, 0);
-    code = each_chunk(g, true, number_leaves);
-    if (code == MN_OK)
-        code = each_chunk(g, false, fill_nodes);
-    if (code == MN_OK)
-        code = fill_simplices(g);
-    if (code != MN_OK)
-        return code;
-    t->switch_value[g->rank[t->inner - 1]] = mni_switch_up(g->history->root_value);
-    place_leaves(g, mesh);
-    return mni_tree_derive(t, g->st);
-}
-
-mn_code mni_history_tree(mni_history *h, const mn_mesh *mesh, const uint32_t *vertex_of, mn_tree *t,
-                         mn_status *st) {
-    uint32_t n = mesh->vertices;
-    MN_ASSERT(h->collapses == n - 1 && n > 1);
-    mn_code code = mni_tree_alloc(t, n, 1, h->killed_count, mesh->color != NULL, st);
-    if (code != MN_OK)
-        return code;
-    grower g = {.history = h,
-                .vertex_of = vertex_of,
-                .tree = t,
-                .st = st,
-                .standing = malloc((size_t)n * sizeof *g.standing),
-                .rank = malloc((size_t)n * sizeof *g.rank),
-                .low = malloc((size_t)n * sizeof *g.low),
-                .leaf_of = malloc((size_t)n * sizeof *g.leaf_of),
-                .chunk = malloc(CHUNK * sizeof *g.chunk),
-                .corners = malloc(CHUNK * sizeof *g.corners)};
-    if (g.standing == NULL || g.rank == NULL || g.low == NULL || g.leaf_of == NULL ||
-        g.chunk == NULL || g.corners == NULL)
-        code = mn_fail(st, MN_FAILED, "out of memory for a tree of %u leaves", n);
-    if (code == MN_OK)
-        code = grow(&g, mesh);
-    free(g.rank);
-    free(g.low);
-    free(g.leaf_of);
-    free(g.chunk);
-    free(g.corners);
-    free(g.standing);
-    if (code != MN_OK) {
-        mn_tree_free(t);
-        return code;
-    }
-    t->triangles = mesh->triangles;
-    MN_ASSERT(t->depth_max == h->root_levels);
-    t->legal_last = n - 1 + (uint32_t)h->counts.collapses_by_stage[0];
-    t->grid_step = mesh->grid_step;
-    t->intake = mesh->intake;
-    t->counts = h->counts;
-    memcpy(t->origin, mesh->origin, sizeof t->origin);
-    return MN_OK;
+bool mni_history_next_killed(mni_history_reader *r, uint32_t corner[3]) {
+    if (!has_record(r))
+        return false;
+    corner[0] = r->last_corner = mni_unfold(mni_varint_get(&r->at), r->last_corner);
+    corner[1] = mni_unfold(mni_varint_get(&r->at), corner[0]);
+    uint64_t third = mni_varint_get(&r->at);
+    corner[2] = third == 0 ? MN_NONE : mni_unfold(third, corner[0]);
+    return true;
 }

@@ -666,6 +666,8 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     mn_code code = mni_history_open(out, desc->temp_dir, desc->keep, st);
     if (code == MN_OK)
         code = all_rounds(&r);
+    if (code == MN_OK)
+        code = mni_history_end(out, st);
     close_deal(&r);
     for (int i = 0; i < STREAMS; i++) {
         close_stream(&r, i);
@@ -674,7 +676,8 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     }
     malloc_trim(0);
     out->bytes_read += mesh->vertex.bytes_read + mesh->triangle.bytes_read - read_before;
-    out->bytes_written += out->collapse.bytes_written + out->killed.bytes_written;
+    out->bytes_written +=
+        out->collapse.bytes_written + out->killed.bytes_written + out->group.bytes_written;
     if (code != MN_OK)
         mni_history_close(out);
     return code;

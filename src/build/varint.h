@@ -1,0 +1,38 @@
+/* Numbers in as few bytes as they need: 7 bits a byte, the lowest first, the top bit set in all but
+ * the last; differences folded so that small ones of either sign are short. Any thread. */
+#ifndef MNI_VARINT_H
+#define MNI_VARINT_H
+
+#include <stdint.h>
+
+enum { MNI_VARINT32_MAX = 5 }; /* bytes of a u32, or of a folded difference of two and a bit */
+
+/* Behind what was put. */
+static inline unsigned char *mni_varint_put(unsigned char *to, uint64_t value) {
+    for (; value >= 0x80; value >>= 7)
+        *to++ = (unsigned char)(value | 0x80);
+    *to++ = (unsigned char)value;
+    return to;
+}
+
+/* Of bytes that were put: they are ours. */
+static inline uint64_t mni_varint_get(const unsigned char **at) {
+    const unsigned char *from = *at;
+    uint64_t value = *from & 0x7f;
+    for (uint32_t shift = 7; *from++ & 0x80; shift += 7)
+        value |= (uint64_t)(*from & 0x7f) << shift;
+    *at = from;
+    return value;
+}
+
+static inline uint64_t mni_fold(uint32_t value, uint32_t from) {
+    int64_t d = (int64_t)value - from;
+    return d < 0 ? (uint64_t)(-d) * 2 - 1 : (uint64_t)d * 2;
+}
+
+static inline uint32_t mni_unfold(uint64_t folded, uint32_t from) {
+    uint64_t half = folded / 2;
+    return folded & 1 ? (uint32_t)(from - half - 1) : (uint32_t)(from + half);
+}
+
+#endif
