@@ -15,7 +15,7 @@
 static mn_code draft_levels(mni_plan *plan, const mni_exit *root, mni_draft *draft,
                             mni_tally *tally) {
     mn_code code = mni_draft_begin(plan, draft, root, 1, NULL);
-    mni_tally_init(tally, plan->has_colors, plan->limits.grid_step);
+    mni_tally_init(tally, plan->limits.has_colors, plan->limits.grid_step);
     uint32_t top = code == MN_OK ? draft->known[0].depth : 0;
     /* children come to be known after their parents */
     for (uint32_t k = 0; code == MN_OK && k < draft->knowns; k++) {

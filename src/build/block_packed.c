@@ -116,7 +116,7 @@ static mn_code no_memory(mni_packer *p) {
 /* ---- tallies -------------------------------------------------------------------------------- */
 
 static void tally_none(const mni_packer *p, mni_tally *tally) {
-    mni_tally_init(tally, p->plan->has_colors, p->plan->limits.grid_step);
+    mni_tally_init(tally, p->plan->limits.has_colors, p->plan->limits.grid_step);
 }
 
 static bool fits(const mni_packer *p, const mni_tally *tally, uint32_t refs) {

@@ -30,7 +30,9 @@
 #include "plan.h"
 #include "tree_rows.h"
 
-enum { CACHE_BYTES = 4 << 20 };
+/* What the process takes that neither grows with the model nor is pages of the tree: program and
+ * libraries 4 MB, packer, drafts and buffers. Half of the rest is pages. */
+static const uint64_t OWN_BYTES = 8 << 20, RAM_BYTES = 64 << 20;
 
 /* A block that has a place, and is to be filled. */
 typedef struct pending {
@@ -330,7 +332,7 @@ static mn_code place_roots(writer *w) {
                 return mni_plan_trouble(plan, "rows");
             *root = (mn_root){.block = place,
                               .subtree = e - f->run[r].first,
-                              .color = plan->has_colors ? row.rgba : UINT32_MAX};
+                              .color = plan->limits.has_colors ? row.rgba : UINT32_MAX};
             memcpy(root->position, row.position, sizeof root->position);
         }
     }
@@ -372,7 +374,7 @@ static void begin_header(writer *w, uint64_t build_id) {
     h->nodes = tree->leaves + tree->inner;
     h->hinges = tree->simplices - tree->triangles;
     h->legal_last = tree->legal_last;
-    h->has_colors = w->plan.has_colors;
+    h->has_colors = w->plan.limits.has_colors;
     memcpy(h->origin, tree->origin, sizeof h->origin);
     h->grid_step = tree->grid_step;
     h->metric = tree->metric;
@@ -468,6 +470,11 @@ static mn_code check_desc(const mn_tree *tree, mn_block_desc *desc, mn_status *s
     return MN_OK;
 }
 
+static uint64_t cache_bytes(uint64_t ram_bytes) {
+    uint64_t ram = ram_bytes != 0 ? ram_bytes : RAM_BYTES;
+    return ram > OWN_BYTES ? (ram - OWN_BYTES) / 2 : 0;
+}
+
 mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_source *source,
                        uint64_t build_id, const mn_block_desc *desc, mn_header *header,
                        mn_block_counts *counts, mn_status *st) {
@@ -482,7 +489,7 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
     if (code == MN_OK)
         code = check_desc(head, &checked, &why);
     if (code == MN_OK)
-        code = mni_rows_open(&rows, source, CACHE_BYTES, &why);
+        code = mni_rows_open(&rows, source, cache_bytes(checked.ram_bytes), &why);
     if (code == MN_OK) {
         code = write_file(path, head, &rows, build_id, &checked, header, &why);
         if (code == MN_OK && counts != NULL)

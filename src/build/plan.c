@@ -20,8 +20,7 @@ mn_code mni_plan_open(mni_plan *plan, const mn_tree *head, mni_rows *rows,
         .head = head,
         .desc = desc,
         .st = st,
-        .limits = mni_row_limits_of(head),
-        .has_colors = rows->source.has_colors,
+        .limits = mni_row_limits_of(head, rows->source.has_colors),
         .overflow_bytes = overflow_bytes,
         /* half a packed block: the node itself, its subtree's record and the head fit in the rest
          */
@@ -108,7 +107,7 @@ static mn_code climb(mni_plan *plan, uint32_t lo, mni_exit *root) {
             root->row = at;
             root->nodes = row.leaf_hi - lo - 1;
             root->order = row.order;
-            return MN_OK;
+            return mni_row_check_values(&row, plan->st);
         }
         at = row.leaf_hi;
     }
@@ -125,18 +124,13 @@ mn_code mni_plan_roots(mni_plan *plan, mni_draft *draft, mni_family *roots) {
         mni_row first;
         uint32_t simplex_end;
         mn_code code = get(plan, lo, &first, &simplex_end);
-        if (code == MN_OK && (first.order != 0 || first.simplex_start != simplex_end ||
-                              (lo == 0 && simplex_end != 0)))
-            code = mn_fail(plan->st, MN_BAD_INPUT,
-                           "row %u: a node %u, or simplices, where root "
-                           "%u begins",
-                           lo, first.order, roots->exits);
         if (code == MN_OK)
-            code = mni_row_check_position(&plan->limits, lo, first.position, plan->st);
+            code = mni_row_check_first(&plan->limits, lo, &first, simplex_end, plan->st);
+        if (code != MN_OK)
+            return code;
         *x = (mni_exit){.leaf_lo = lo, .known = roots->exits};
         memcpy(x->position, first.position, sizeof x->position);
-        if (code == MN_OK)
-            code = climb(plan, lo, x);
+        code = climb(plan, lo, x);
         if (code != MN_OK)
             return code;
         mni_found_leaf(&plan->found, lo, first.position);

@@ -80,7 +80,6 @@ typedef struct mni_plan {
     const mn_block_desc *desc;
     mn_status *st;
     mni_row_limits limits;
-    bool has_colors;
     uint32_t simplices_max;        /* of one node in its own block; more overflow */
     uint32_t overflow_bytes;       /* length of an overflow block, at most */
     mni_row_simplex *simplex_room; /* simplices_max */

@@ -7,9 +7,9 @@
 
 #include <math.h>
 
-mni_row_limits mni_row_limits_of(const mn_tree *head) {
+mni_row_limits mni_row_limits_of(const mn_tree *head, bool has_colors) {
     return (mni_row_limits){head->leaves, head->leaves + head->inner, head->simplices,
-                            head->grid_step};
+                            head->grid_step, has_colors};
 }
 
 /* Where a child must be whose leaves are [lo, hi). */
@@ -46,27 +46,59 @@ static bool bound_ok(float value) {
     return isfinite(value) && !signbit(value);
 }
 
-mn_code mni_row_check_position(const mni_row_limits *limits, uint32_t leaf, const float position[3],
-                               mn_status *st) {
+static mn_code check_leaf(const mni_row_limits *limits, uint32_t leaf, const mni_row *row,
+                          mn_status *st) {
     double step = limits->grid_step;
-    for (int i = 0; i < 3; i++)
-        if (!isfinite(position[i]) || rint(position[i] / step) * step != position[i])
+    const float *position = row->position;
+    for (int i = 0; i < 3; i++) /* there is one zero: blocks hold differences */
+        if (!isfinite(position[i]) || rint(position[i] / step) * step != position[i] ||
+            (position[i] == 0 && signbit(position[i])))
             return mn_fail(st, MN_BAD_INPUT, "leaf %u: %.9g is not on the grid of steps of %g",
                            leaf, position[i], step);
+    if (row->zero != 0 || (!limits->has_colors && row->rgba != UINT32_MAX))
+        return mn_fail(st, MN_BAD_INPUT, "row %u: what is not there is not left empty", leaf);
+    return MN_OK;
+}
+
+mn_code mni_row_check_first(const mni_row_limits *limits, uint32_t at, const mni_row *row,
+                            uint32_t simplex_end, mn_status *st) {
+    const mn_cone *cone = &row->cone;
+    if (row->order != 0 || row->leaf_lo != 0 || row->leaf_hi != 0 || row->left != MN_NONE ||
+        row->right != MN_NONE || row->switch_value != 0 || row->radius != 0 ||
+        signbit(row->switch_value) || signbit(row->radius) || cone->axis[0] != 0 ||
+        cone->axis[1] != 0 || cone->angle != 0)
+        return mn_fail(st, MN_BAD_INPUT, "row %u: a root begins there, and yet a node %u is", at,
+                       row->order);
+    if (row->simplex_start != simplex_end || (at == 0 && simplex_end != 0))
+        return mn_fail(st, MN_BAD_INPUT, "row %u: simplices [%u, %u) without a node", at,
+                       row->simplex_start, simplex_end);
+    return check_leaf(limits, at, row, st);
+}
+
+mn_code mni_row_check_values(const mni_row *row, mn_status *st) {
+    if (!bound_ok(row->switch_value) || !bound_ok(row->radius) ||
+        mni_switch_up(row->switch_value) != row->switch_value ||
+        mni_radius_up(row->radius) != row->radius)
+        return mn_fail(st, MN_BAD_INPUT,
+                       "node %u: switch value %g or radius %g is none, or too exact", row->order,
+                       row->switch_value, row->radius);
     return MN_OK;
 }
 
 static mn_code check_child(const mni_row *row, const float position[3], const mni_row *child,
                            const float child_position[3], mn_status *st) {
     const double cone_slack = 1e-6;
-    float radius = child != NULL ? child->radius : 0;
+    mn_code code = child != NULL ? mni_row_check_values(child, st) : MN_OK;
+    if (code != MN_OK)
+        return code;
     if (child != NULL && !(child->switch_value <= row->switch_value))
         return mn_fail(st, MN_BAD_INPUT, "node %u: switch value %g below its child's %g",
                        row->order, row->switch_value, child->switch_value);
     if (child != NULL && !mni_cone_encloses(row->cone, child->cone, cone_slack))
         return mn_fail(st, MN_BAD_INPUT, "node %u: its cone does not hold that of child %u",
                        row->order, child->order);
-    if (!mni_sphere_encloses(position, row->radius, child_position, radius))
+    if (!mni_sphere_encloses(position, row->radius, child_position,
+                             child != NULL ? child->radius : 0))
         return mn_fail(st, MN_BAD_INPUT, "node %u: its sphere (radius %g) does not hold a child's",
                        row->order, row->radius);
     return MN_OK;
@@ -75,13 +107,7 @@ static mn_code check_child(const mni_row *row, const float position[3], const mn
 mn_code mni_row_check(const mni_row_limits *limits, uint32_t at, const mni_row *row,
                       const float position[3], const mni_row *left, const mni_row *right,
                       mn_status *st) {
-    if (!bound_ok(row->switch_value) || !bound_ok(row->radius) ||
-        mni_switch_up(row->switch_value) != row->switch_value ||
-        mni_radius_up(row->radius) != row->radius || row->zero != 0)
-        return mn_fail(st, MN_BAD_INPUT,
-                       "node %u: switch value %g or radius %g is none, or too exact", row->order,
-                       row->switch_value, row->radius);
-    mn_code code = mni_row_check_position(limits, at, row->position, st);
+    mn_code code = check_leaf(limits, at, row, st);
     if (code == MN_OK)
         code = check_child(row, position, left, position, st);
     return code == MN_OK ? check_child(row, position, right, row->position, st) : code;
