@@ -1,134 +1,281 @@
-/* See cell.h. Hidden here: how records become a surface, and back.
- *
- *   records ──► surface, judge, witnesses ──► a stage ──► collapses, killed simplices, records
- *
- * Order of a run: place, load, look (first round), work, give back. */
+/* See cell.h. Hidden here: how records become a surface, and back. */
 #include "cell.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "assert.h"
 
-typedef struct run {
-    mni_cell *cell;
-    const mni_cell_desc *desc;
-    mni_simplifier s;
-    uint32_t triangles; /* of the cell's simplices; they stand first */
-} run;
+/* ---- opening -------------------------------------------------------------------------------- */
 
-/* ---- loading ---- */
+static mn_code no_memory(uint32_t vertices, mn_status *st) {
+    return mn_fail(st, MN_FAILED, "out of memory for a cell of %u vertices", vertices);
+}
 
-static uint32_t witnesses_of(const mni_cell_vertex *v) {
+/* Room for all but the witnesses' points. */
+static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, uint32_t hinges,
+                         mn_status *st) {
+    mni_simplifier *s = &cell->s;
+    cell->vertices = vertices;
+    cell->triangles = triangles;
+    cell->simplices = triangles + hinges;
+    s->desc.metric = cell->desc.metric;
+    s->st = st;
+    cell->node = calloc(vertices, sizeof *cell->node);
+    cell->number = malloc(((size_t)cell->simplices + 1) * sizeof *cell->number);
+    mn_code code = mni_surface_room(&s->surface, vertices, triangles, hinges, st);
+    if (code == MN_OK)
+        code = mni_judge_room(&s->judge, vertices, triangles, st);
+    if (code != MN_OK)
+        return code;
+    s->surface.is_part = true;
+    s->part.slack = cell->desc.slack;
+    s->part.closed = malloc(vertices * sizeof *s->part.closed);
+    s->part.key = calloc(vertices, sizeof *s->part.key);
+    s->part.id = malloc(vertices * sizeof *s->part.id);
+    if (cell->node == NULL || cell->number == NULL || s->part.closed == NULL ||
+        s->part.id == NULL || s->part.key == NULL)
+        return no_memory(vertices, st);
+    return MN_OK;
+}
+
+/* A vertex before anything is known of it. */
+static void place_vertex(mni_cell *cell, uint32_t v, uint32_t id, const float p[3]) {
+    cell->node[v] = (mni_cell_node){.id = id, .node = id, .leaves = 1, .levels = 1};
+    cell->s.surface.vertex[v] =
+        (mni_vertex){.p = {p[0], p[1], p[2]}, .set = MN_NONE, .node = v < cell->own ? v : MN_NONE};
+    cell->s.part.closed[v] = v < cell->own ? MNI_HEAP_KEY_NONE : 0;
+    cell->s.part.id[v] = id;
+}
+
+static void place_simplex(mni_cell *cell, uint32_t x, const uint32_t v[3],
+                          const uint32_t origin[3]) {
+    cell->s.surface.simplex[x] = (mni_simplex){{v[0], v[1], v[2]}, MN_NONE};
+    memcpy(&cell->s.surface.origin[3 * (size_t)x], origin, 3 * sizeof *origin);
+}
+
+/* ---- as dealt ------------------------------------------------------------------------------- */
+
+/* The cell's own vertices first, then ghosts. */
+static uint32_t stand_in_hand(const mni_hand *h, uint32_t id) {
+    if (id - h->first < h->vertices)
+        return id - h->first;
+    uint32_t low = 0, high = h->ghosts;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        if (h->ghost[middle].id <= id)
+            low = middle;
+        else
+            high = middle;
+    }
+    MN_ASSERT(low < h->ghosts && h->ghost[low].id == id);
+    return h->vertices + low;
+}
+
+static void load_hand(mni_cell *cell, const mni_hand *h) {
+    for (uint32_t v = 0; v < h->vertices; v++)
+        place_vertex(cell, v, h->first + v, h->position[v]);
+    for (uint32_t g = 0; g < h->ghosts; g++)
+        place_vertex(cell, h->vertices + g, h->ghost[g].id, h->ghost[g].position);
+    for (uint32_t t = 0; t < h->triangles; t++) {
+        uint32_t v[3];
+        bool crosses = false;
+        for (int c = 0; c < 3; c++) {
+            v[c] = stand_in_hand(h, h->triangle[t].corner[c]);
+            crosses |= v[c] >= h->vertices;
+        }
+        for (int c = 0; c < 3 && crosses; c++)
+            cell->s.part.closed[v[c]] = 0;
+        place_simplex(cell, t, v, h->triangle[t].corner);
+        cell->number[t] = h->number + t - h->copies; /* a copy stays here, whatever its number */
+    }
+}
+
+mn_code mni_cell_open_dealt(mni_cell *cell, const mni_cell_desc *desc, const mni_hand *h,
+                            mn_status *st) {
+    uint32_t vertices = h->vertices + h->ghosts;
+    *cell = (mni_cell){.desc = *desc, .own = h->vertices};
+    mn_code code = take_room(cell, vertices, h->triangles, 0, st);
+    if (code == MN_OK)
+        code = mni_witness_room(&cell->s.witness, vertices, vertices / 2, h->triangles, st);
+    if (code != MN_OK)
+        return code;
+    load_hand(cell, h);
+    mni_surface_index(&cell->s.surface);
+    mni_judge_fill(&cell->s.judge, &cell->s.surface);
+    mni_witness_fill(&cell->s.witness, &cell->s.surface);
+    for (uint32_t v = 0; v < cell->own; v++)
+        cell->node[v].bounds = mni_leaf_bounds(&cell->s.surface, cell->s.judge.normal, v);
+    mni_simplify_look(&cell->s);
+    return MN_OK;
+}
+
+/* ---- as taken ------------------------------------------------------------------------------- */
+
+/* Ids of a cell's vertices, hashed: open addresses, half of them free. */
+typedef struct places {
+    uint32_t *at; /* index; MN_NONE: free */
+    uint32_t mask;
+} places;
+
+static uint32_t place_hash(uint32_t id) {
+    uint32_t i = id * 0x9e3779b1u;
+    return i ^ i >> 15;
+}
+
+static uint32_t place_of(const places *p, const mni_wire_vertex *vertex, uint32_t id) {
+    for (uint32_t i = place_hash(id);; i++) {
+        uint32_t at = p->at[i & p->mask];
+        if (at == MN_NONE || vertex[at].at.id == id)
+            return at;
+    }
+}
+
+static bool places_open(places *p, const mni_wire_vertex *vertex, uint32_t count) {
+    uint32_t room = 64;
+    while (room < 2 * count)
+        room *= 2;
+    p->mask = room - 1;
+    p->at = malloc(room * sizeof *p->at);
+    if (p->at == NULL)
+        return false;
+    memset(p->at, 0xff, room * sizeof *p->at);
+    for (uint32_t v = 0; v < count; v++) {
+        uint32_t i = place_hash(vertex[v].at.id);
+        while (p->at[i & p->mask] != MN_NONE)
+            i++;
+        p->at[i & p->mask] = v;
+    }
+    return true;
+}
+
+typedef enum kind { TRIANGLE, HINGE, PASSING } kind;
+
+/* Where its corners stand in the cell, written over its vertices: their ids are known there. */
+static kind stand(const places *p, const mni_wire_vertex *vertex, const mni_wire_simplex *x,
+                  uint32_t v[3]) {
+    bool inside = true, hinge = x->v[2] == MN_NONE;
+    for (int c = 0; c < 3; c++) {
+        v[c] = x->v[c] == MN_NONE ? MN_NONE : place_of(p, vertex, x->v[c]);
+        inside &= v[c] != MN_NONE || (hinge && c == 2);
+    }
+    return !inside ? PASSING : hinge ? HINGE : TRIANGLE;
+}
+
+/* Puts those that pass to the front; counts the others. */
+static uint32_t sort_out(const places *p, const mni_wire_vertex *vertex, mni_wire_simplex *simplex,
+                         uint32_t simplices, uint32_t count[2]) {
+    uint32_t passing = 0, v[3];
+    for (uint32_t i = 0; i < simplices; i++) {
+        kind k = stand(p, vertex, &simplex[i], v);
+        if (k != PASSING) {
+            count[k]++;
+            continue;
+        }
+        mni_wire_simplex x = simplex[i];
+        simplex[i] = simplex[passing];
+        simplex[passing++] = x;
+    }
+    return passing;
+}
+
+static void load_simplices(mni_cell *cell, const places *p, const mni_wire_vertex *vertex,
+                           const mni_wire_simplex *simplex, uint32_t count) {
+    uint32_t next[2] = {0, cell->triangles}, v[3];
+    for (uint32_t i = 0; i < count; i++) {
+        kind k = stand(p, vertex, &simplex[i], v);
+        uint32_t x = next[k]++;
+        place_simplex(cell, x, v, simplex[i].origin);
+        cell->number[x] = simplex[i].at.number;
+        if (k == TRIANGLE)
+            mni_wire_get_normal(&simplex[i], &cell->s.judge.normal[3 * (size_t)x]);
+    }
+}
+
+static uint32_t witnesses_of(const mni_wire_vertex *v) {
     uint32_t count = 0;
-    while (count < MNI_WITNESSES && v->witness.slack[count] >= 0)
+    while (count < MNI_WITNESSES && v->slack[count] != MNI_WIRE_NO_WITNESS)
         count++;
     return count;
 }
 
-static bool is_leaf(const mni_cell_vertex *v) {
-    return v->node < MNI_COLLAPSE;
-}
-
-static mn_code take_room(run *r, mn_status *st) {
-    const mni_cell *cell = r->cell;
-    uint32_t n = cell->vertices, leaves = 0, points = r->triangles;
-    for (uint32_t v = 0; v < n; v++) {
-        leaves += is_leaf(&cell->vertex[v]);
-        points += r->desc->first ? 0 : witnesses_of(&cell->vertex[v]);
-    }
-    mn_code code =
-        mni_surface_room(&r->s.surface, n, r->triangles, cell->simplices - r->triangles, st);
-    if (code == MN_OK)
-        code = mni_judge_room(&r->s.judge, n, r->triangles, st);
-    if (code == MN_OK)
-        code = mni_witness_room(&r->s.witness, n, n - leaves + leaves / 2, points, st);
-    if (code == MN_OK)
-        code = mni_simplify_room(&r->s, n);
-    if (code != MN_OK)
-        return code;
-    r->s.part.closed = malloc(n * sizeof *r->s.part.closed);
-    r->s.part.key = malloc(n * sizeof *r->s.part.key);
-    r->s.part.id = malloc(n * sizeof *r->s.part.id);
-    r->s.made.key = malloc(n * sizeof *r->s.made.key);
-    if (r->s.part.closed == NULL || r->s.part.id == NULL || r->s.part.key == NULL ||
-        r->s.made.key == NULL)
-        return mn_fail(st, MN_FAILED, "out of memory for %u vertices", n);
-    return MN_OK;
-}
-
-static void load_simplices(run *r) {
-    const mni_cell *cell = r->cell;
-    r->s.surface.is_part = true;
-    for (uint32_t x = 0; x < cell->simplices; x++) {
-        const mni_cell_simplex *from = &cell->simplex[x];
-        mni_simplex *to = &r->s.surface.simplex[x];
-        for (int c = 0; c < 3; c++)
-            to->v[c] = from->at[c];
-        to->killed = MN_NONE;
-        memcpy(&r->s.surface.origin[3 * (size_t)x], from->origin, sizeof from->origin);
-        if (x < r->triangles)
-            memcpy(&r->s.judge.normal[3 * (size_t)x], from->normal, sizeof from->normal);
-    }
+static bool is_leaf(const mni_wire_vertex *v) {
+    return v->at.number < MNI_COLLAPSE;
 }
 
 /* Witnesses of a leaf are points of its own, those of a node a set. */
-static void load_witnesses(run *r, const mni_cell_vertex *from, uint32_t v) {
-    mni_witness_book *book = &r->s.witness;
+static void load_witnesses(mni_cell *cell, const mni_wire_vertex *from, uint32_t v) {
+    mni_witness_book *book = &cell->s.witness;
+    mni_witnesses all;
+    mni_wire_get_witnesses(from, &all);
     book->own_start[v + 1] = book->own_start[v];
     if (!is_leaf(from)) {
-        r->s.surface.vertex[v].set = book->sets_count;
-        book->sets[book->sets_count++] = from->witness;
+        cell->s.surface.vertex[v].set = book->sets_count;
+        book->sets[book->sets_count++] = all;
         return;
     }
     for (uint32_t i = 0; i < witnesses_of(from); i++) {
         float *to = book->own[book->own_start[v + 1]++];
-        to[0] = from->witness.x[i];
-        to[1] = from->witness.y[i];
-        to[2] = from->witness.z[i];
+        to[0] = all.x[i];
+        to[1] = all.y[i];
+        to[2] = all.z[i];
     }
 }
 
-static void load_vertices(run *r) {
-    const mni_cell *cell = r->cell;
-    for (uint32_t v = 0; v < cell->vertices; v++) {
-        const mni_cell_vertex *from = &cell->vertex[v];
-        const double *q = from->quadric;
-        r->s.surface.vertex[v] = (mni_vertex){.p = {from->p[0], from->p[1], from->p[2]},
-                                              .value = from->value,
-                                              .set = MN_NONE,
-                                              .node = from->ghost ? MN_NONE : v};
-        r->s.part.closed[v] = from->border || from->ghost ? 0 : MNI_HEAP_KEY_NONE;
-        r->s.part.key[v] = from->key;
-        r->s.part.id[v] = from->id;
-        mni_vertex *to = &r->s.surface.vertex[v];
-        if (r->desc->first)
-            continue;
-        to->c = q[0], to->xx = q[1], to->yy = q[2], to->zz = q[3];
-        to->xy = q[4], to->xz = q[5], to->yz = q[6];
-        to->x = q[7], to->y = q[8], to->z = q[9];
-        load_witnesses(r, from, v);
+static mn_code load_vertices(mni_cell *cell, const mni_wire_vertex *vertex, mn_status *st) {
+    uint32_t leaves = 0, points = 0, n = cell->vertices;
+    for (uint32_t v = 0; v < n; v++) {
+        leaves += is_leaf(&vertex[v]);
+        points += is_leaf(&vertex[v]) ? witnesses_of(&vertex[v]) : 0;
     }
+    mn_code code = mni_witness_room(&cell->s.witness, n, n - leaves + leaves / 2, points, st);
+    if (code != MN_OK)
+        return code;
+    uint32_t first = mni_wire_range_of(vertex[0].at.key).low,
+             last = mni_wire_range_of(vertex[n - 1].at.key).high;
+    for (uint32_t v = 0; v < n; v++) {
+        const mni_wire_vertex *from = &vertex[v];
+        place_vertex(cell, v, from->at.id, from->p);
+        cell->node[v] = (mni_cell_node){.id = from->at.id,
+                                        .node = from->at.number,
+                                        .leaves = from->leaves,
+                                        .split = from->split,
+                                        .levels = from->levels,
+                                        .bounds = from->bounds};
+        cell->s.surface.vertex[v].value = from->value;
+        cell->s.part.key[v] = from->key;
+        mni_wire_get_quadric(from, &cell->s.surface.vertex[v]);
+        load_witnesses(cell, from, v);
+        if (!cell->desc.whole && (from->range.low <= first || from->range.high >= last))
+            cell->s.part.closed[v] = 0; /* equal keys may be in the next cell */
+    }
+    return MN_OK;
 }
 
-/* Of leaves all is found in their triangles. */
-static void look_at_leaves(run *r) {
-    mni_cell *cell = r->cell;
-    mni_judge_fill(&r->s.judge, &r->s.surface);
-    mni_witness_fill(&r->s.witness, &r->s.surface);
-    for (uint32_t x = 0; x < r->triangles; x++)
-        memcpy(cell->simplex[x].normal, &r->s.judge.normal[3 * (size_t)x],
-               sizeof cell->simplex[x].normal);
-    for (uint32_t v = 0; v < cell->vertices; v++) {
-        cell->vertex[v].leaves = cell->vertex[v].levels = 1;
-        if (!cell->vertex[v].ghost)
-            cell->vertex[v].bounds = mni_leaf_bounds(&r->s.surface, r->s.judge.normal, v);
-    }
-    mni_simplify_look(&r->s);
+mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, mni_wire_vertex **vertex,
+                            uint32_t vertices, mni_wire_simplex *simplex, uint32_t simplices,
+                            uint32_t *passing, mn_status *st) {
+    places p;
+    uint32_t count[2] = {0, 0};
+    *cell = (mni_cell){.desc = *desc, .own = vertices};
+    *passing = 0;
+    if (!places_open(&p, *vertex, vertices))
+        return no_memory(vertices, st);
+    *passing = sort_out(&p, *vertex, simplex, simplices, count);
+    mn_code code = take_room(cell, vertices, count[TRIANGLE], count[HINGE], st);
+    if (code == MN_OK)
+        load_simplices(cell, &p, *vertex, simplex + *passing, simplices - *passing);
+    free(p.at);
+    if (code == MN_OK)
+        code = load_vertices(cell, *vertex, st);
+    free(*vertex);
+    *vertex = NULL;
+    if (code == MN_OK)
+        mni_surface_index(&cell->s.surface);
+    return code;
 }
 
-/* ---- giving back ---- */
+/* ---- what has been made --------------------------------------------------------------------- */
 
 /* What is known of a node: where its vertex stands, what is below it, and its bounds. */
 typedef struct node {
@@ -143,7 +290,7 @@ typedef struct made_node {
 
 static node node_of(const mni_cell *cell, const made_node *made, uint32_t n) {
     if (n < cell->vertices) {
-        const mni_cell_vertex *v = &cell->vertex[n];
+        const mni_cell_node *v = &cell->node[n];
         return (node){n, v->leaves, v->split, v->levels, v->bounds};
     }
     const mni_cell_collapse *c = &cell->collapse[n - cell->vertices];
@@ -152,12 +299,13 @@ static node node_of(const mni_cell *cell, const made_node *made, uint32_t n) {
                   c->bounds};
 }
 
-static mn_code give_collapses(run *r, mn_status *st) {
-    mni_cell *cell = r->cell;
-    const mni_collapses *made = &r->s.made;
+/* Numbers of collapses count from 0 here until the cell has been given its own. */
+static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
+    const mni_collapses *made = &cell->s.made;
+    const mni_vertex *vertex = cell->s.surface.vertex;
     uint32_t m = cell->vertices;
-    cell->collapse = calloc(made->count + 1, sizeof *cell->collapse);
-    made_node *of = malloc((made->count + 1) * sizeof *of);
+    cell->collapse = calloc((size_t)made->count + 1, sizeof *cell->collapse);
+    made_node *of = malloc(((size_t)made->count + 1) * sizeof *of);
     if (cell->collapse == NULL || of == NULL) {
         free(of);
         return mn_fail(st, MN_FAILED, "out of memory for %u collapses", made->count);
@@ -168,30 +316,25 @@ static mn_code give_collapses(run *r, mn_status *st) {
         node a = node_of(cell, of, left), b = node_of(cell, of, right);
         mni_cell_collapse *c = &cell->collapse[i];
         of[i] = (made_node){a.vertex, 1 + (a.levels > b.levels ? a.levels : b.levels)};
-        *c = (mni_cell_collapse){
-            .left = left < m ? cell->vertex[left].node : MNI_COLLAPSE + left - m,
-            .right = right < m ? cell->vertex[right].node : MNI_COLLAPSE + right - m,
-            .left_made = left >= m,
-            .right_made = right >= m,
-            .left_value = made->value[left],
-            .right_value = made->value[right],
-            .left_leaves = a.leaves,
-            .right_leaves = b.leaves,
-            .left_split = a.split,
-            .right_split = b.split,
-            .key = made->key[i],
-            .bounds = mni_parent_bounds(r->s.surface.vertex[a.vertex].p, a.bounds,
-                                        r->s.surface.vertex[b.vertex].p, b.bounds)};
+        *c = (mni_cell_collapse){.left = left, /* of the surface, until it has been numbered */
+                                 .right = right,
+                                 .left_value = made->value[left],
+                                 .right_value = made->value[right],
+                                 .left_leaves = a.leaves,
+                                 .right_leaves = b.leaves,
+                                 .left_split = a.split,
+                                 .right_split = b.split,
+                                 .key = made->key[i],
+                                 .bounds = mni_parent_bounds(vertex[a.vertex].p, a.bounds,
+                                                             vertex[b.vertex].p, b.bounds)};
     }
     /* A vertex's node from now on. */
-    for (uint32_t v = 0; v < m; v++) {
-        uint32_t n = r->s.surface.vertex[v].node;
+    for (uint32_t v = 0; v < cell->own; v++) {
+        uint32_t n = vertex[v].node;
         if (n == MN_NONE || n < m)
             continue;
         const mni_cell_collapse *c = &cell->collapse[n - m];
-        mni_cell_vertex *to = &cell->vertex[v];
-        to->node = MNI_COLLAPSE + n - m;
-        to->made = true;
+        mni_cell_node *to = &cell->node[v];
         to->leaves = c->left_leaves + c->right_leaves;
         to->split = c->left_leaves;
         to->levels = of[n - m].levels;
@@ -202,16 +345,15 @@ static mn_code give_collapses(run *r, mn_status *st) {
 }
 
 /* By collapse, in each as they stand. */
-static mn_code give_killed(run *r, mn_status *st) {
-    mni_cell *cell = r->cell;
-    const mni_surface *s = &r->s.surface;
+static mn_code keep_killed(mni_cell *cell, mn_status *st) {
+    const mni_surface *s = &cell->s.surface;
     for (uint32_t x = 0; x < s->simplices; x++)
         if (s->simplex[x].killed != MN_NONE) {
             cell->collapse[s->simplex[x].killed].simplices++;
             cell->killed_count++;
         }
-    uint32_t *start = malloc((cell->collapses + 1) * sizeof *start);
-    cell->killed = malloc((cell->killed_count + 1) * sizeof *cell->killed);
+    uint32_t *start = malloc(((size_t)cell->collapses + 1) * sizeof *start);
+    cell->killed = malloc(((size_t)cell->killed_count + 1) * sizeof *cell->killed);
     if (start == NULL || cell->killed == NULL) {
         free(start);
         return mn_fail(st, MN_FAILED, "out of memory for %u simplices", cell->killed_count);
@@ -229,10 +371,58 @@ static mn_code give_killed(run *r, mn_status *st) {
     return MN_OK;
 }
 
-static void store_points(const mni_witness_book *book, uint32_t v, mni_witnesses *to) {
+/* ---- the run -------------------------------------------------------------------------------- */
+
+static mn_code work(mni_cell *cell) {
+    mn_code code = MN_OK;
+    const mni_cell_desc *desc = &cell->desc;
+    int last = desc->whole ? 4 : desc->stage;
+    for (int stage = desc->stage; stage <= last && stage <= 3 && code == MN_OK; stage++)
+        code = mni_simplify_stage(&cell->s, stage);
+    if (last < 4 || code != MN_OK)
+        return code;
+    uint32_t roots = cell->own - cell->s.made.count;
+    if (desc->stage < 4)
+        cell->s.counts.components = roots;
+    return mni_simplify_roots(&cell->s, desc->whole ? 1 : 1 + roots / 4);
+}
+
+mn_code mni_cell_run(mni_cell *cell, mn_status *st) {
+    mni_simplifier *s = &cell->s;
+    s->st = st;
+    mn_code code = mni_simplify_room(s, cell->vertices);
+    s->made.key = malloc((size_t)cell->vertices * sizeof *s->made.key);
+    if (code == MN_OK && s->made.key == NULL)
+        code = no_memory(cell->vertices, st);
+    if (code == MN_OK)
+        code = work(cell);
+    if (code != MN_OK)
+        return code;
+    mni_simplify_settle(s);
+    cell->hinges = s->surface.simplices - cell->simplices;
+    code = keep_collapses(cell, st);
+    return code == MN_OK ? keep_killed(cell, st) : code;
+}
+
+void mni_cell_number(mni_cell *cell, uint32_t collapses, uint32_t hinges) {
+    cell->collapses_before = collapses;
+    cell->hinges_before = hinges;
+    for (uint32_t i = 0; i < cell->collapses; i++) {
+        uint32_t *of[2] = {&cell->collapse[i].left, &cell->collapse[i].right};
+        for (int side = 0; side < 2; side++)
+            *of[side] = *of[side] < cell->vertices
+                            ? cell->node[*of[side]].node
+                            : MNI_COLLAPSE + collapses + *of[side] - cell->vertices;
+    }
+}
+
+/* ---- what is left --------------------------------------------------------------------------- */
+
+/* A pole's others are let go. */
+static void leaf_points(const mni_witness_book *book, uint32_t v, mni_witnesses *to) {
     uint32_t start = book->own_start[v], count = book->own_start[v + 1] - start;
     for (uint32_t i = 0; i < MNI_WITNESSES; i++) {
-        bool is = i < count; /* a pole's others are let go */
+        bool is = i < count;
         to->x[i] = is ? book->own[start + i][0] : 0;
         to->y[i] = is ? book->own[start + i][1] : 0;
         to->z[i] = is ? book->own[start + i][2] : 0;
@@ -240,141 +430,58 @@ static void store_points(const mni_witness_book *book, uint32_t v, mni_witnesses
     }
 }
 
-static void give_vertex(run *r, uint32_t v, mni_cell_vertex *to) {
-    const mni_vertex *from = &r->s.surface.vertex[v];
-    const double q[10] = {from->c,  from->xx, from->yy, from->zz, from->xy,
-                          from->xz, from->yz, from->x,  from->y,  from->z};
-    *to = r->cell->vertex[v];
-    to->value = from->value;
-    to->key = r->s.part.key[v];
-    to->border = false;
-    memcpy(to->quadric, q, sizeof q);
-    if (from->set != MN_NONE)
-        to->witness = r->s.witness.sets[from->set];
-    else if (r->desc->first)
-        store_points(&r->s.witness, v, &to->witness);
+bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out) {
+    const mni_vertex *from = &cell->s.surface.vertex[v];
+    const mni_cell_node *n = &cell->node[v];
+    mni_witnesses points;
+    if (v >= cell->own || from->node == MN_NONE)
+        return false;
+    *out = (mni_wire_vertex){.at.id = n->id,
+                             .at.number = from->node < cell->vertices
+                                              ? n->node
+                                              : MNI_COLLAPSE + cell->collapses_before + from->node -
+                                                    cell->vertices,
+                             .range = mni_wire_nothing,
+                             .p = {from->p[0], from->p[1], from->p[2]},
+                             .value = from->value,
+                             .key = cell->s.part.key[v],
+                             .bounds = n->bounds,
+                             .leaves = n->leaves,
+                             .split = n->split,
+                             .levels = n->levels};
+    mni_wire_put_quadric(out, from);
+    if (from->set == MN_NONE)
+        leaf_points(&cell->s.witness, v, &points);
+    mni_wire_put_witnesses(out, from->set == MN_NONE ? &points : &cell->s.witness.sets[from->set]);
+    return true;
 }
 
-/* Simplices that are left, with the ids of their vertices, and where these are. Those at a ghost
- * with a lesser id are its cell's affair. */
-static mn_code give_simplices(run *r, mn_status *st) {
-    mni_cell *cell = r->cell;
-    const mni_surface *s = &r->s.surface;
-    uint32_t *place = r->s.made.left; /* not needed any more: a vertex: where it will stand */
-    uint32_t next = 0;
-    for (uint32_t v = 0; v < cell->vertices; v++)
-        place[v] = s->vertex[v].node != MN_NONE ? next++ : MN_NONE;
-    if (s->simplices > cell->simplices_room) {
-        mni_cell_simplex *more = realloc(cell->simplex, s->simplices * sizeof *more);
-        if (more == NULL)
-            return mn_fail(st, MN_FAILED, "out of memory for %u simplices", s->simplices);
-        cell->simplex = more;
-        cell->simplices_room = s->simplices;
+bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out) {
+    const mni_surface *s = &cell->s.surface;
+    const uint32_t *v = s->simplex[x].v;
+    static const float none[3] = {0, 0, 0};
+    if (s->simplex[x].killed != MN_NONE)
+        return false;
+    *out = (mni_wire_simplex){.at.number =
+                                  x < cell->simplices
+                                      ? cell->number[x]
+                                      : MNI_COLLAPSE + cell->hinges_before + x - cell->simplices};
+    uint32_t least = 0;
+    for (uint32_t c = 0; c < 3; c++) {
+        out->v[c] = v[c] == MN_NONE ? MN_NONE : cell->node[v[c]].id;
+        if (out->v[c] < out->v[least])
+            least = c;
     }
-    uint32_t kept = 0, before = cell->simplices;
-    for (uint32_t x = 0; x < s->simplices; x++) {
-        const uint32_t *v = s->simplex[x].v;
-        cell->hinges += x >= before;
-        if (s->simplex[x].killed != MN_NONE)
-            continue;
-        uint32_t least = 0;
-        for (uint32_t c = 1; c < 3; c++)
-            if (v[c] != MN_NONE && cell->vertex[v[c]].id < cell->vertex[v[least]].id)
-                least = c;
-        if (cell->vertex[v[least]].ghost)
-            continue;
-        mni_cell_simplex *to = &cell->simplex[kept];
-        if (x < before)
-            *to = cell->simplex[x];
-        else
-            *to = (mni_cell_simplex){.id = MNI_COLLAPSE + x - before, .made = true};
-        for (int c = 0; c < 3; c++) {
-            bool is = v[c] != MN_NONE;
-            to->v[c] = is ? cell->vertex[v[c]].id : MN_NONE;
-            to->at[c] = is ? place[v[c]] : MN_NONE;
-            if (is)
-                memcpy(to->p[c], s->vertex[v[c]].p, sizeof to->p[c]);
-        }
-        memcpy(to->origin, &s->origin[3 * (size_t)x], sizeof to->origin);
-        kept++;
-    }
-    cell->simplices = kept;
-    return MN_OK;
+    memcpy(out->origin, &s->origin[3 * (size_t)x], sizeof out->origin);
+    mni_wire_put_normal(out, x < cell->triangles ? &cell->s.judge.normal[3 * (size_t)x] : none);
+    return v[least] < cell->own;
 }
 
-static void give_vertices(run *r) {
-    mni_cell *cell = r->cell;
-    uint32_t kept = 0;
-    for (uint32_t v = 0; v < cell->vertices; v++)
-        if (r->s.surface.vertex[v].node != MN_NONE)
-            give_vertex(r, v, &cell->vertex[kept++]);
-    cell->vertices = kept;
-}
-
-/* ---- the run ---- */
-
-static mn_code work(run *r) {
-    mn_code code = MN_OK;
-    int last = r->desc->whole ? 4 : r->desc->stage;
-    for (int stage = r->desc->stage; stage <= last && stage <= 3 && code == MN_OK; stage++)
-        code = mni_simplify_stage(&r->s, stage);
-    if (last < 4 || code != MN_OK)
-        return code;
-    uint32_t roots = r->cell->vertices - r->s.made.count;
-    if (r->desc->stage < 4)
-        r->s.counts.components = roots;
-    return mni_simplify_roots(&r->s, r->desc->whole ? 1 : 1 + roots / 4);
-}
-
-mn_code mni_cell_run(mni_cell *cell, const mni_cell_desc *desc, mn_status *st) {
-    run r = {.cell = cell, .desc = desc, .s = {.desc = {.metric = desc->metric}, .st = st}};
-    while (r.triangles < cell->simplices && cell->simplex[r.triangles].v[2] != MN_NONE)
-        r.triangles++;
-    mn_code code = take_room(&r, st);
-    if (code == MN_OK) {
-        load_vertices(&r);
-        load_simplices(&r);
-        mni_surface_index(&r.s.surface);
-        if (desc->first)
-            look_at_leaves(&r);
-        if (!desc->whole && desc->stage == 1 && desc->share < 1)
-            code = mni_simplify_limit(&r.s, desc->share);
-    }
-    if (code == MN_OK) {
-        code = work(&r);
-    }
-    if (code == MN_OK) {
-        mni_simplify_settle(&r.s);
-        code = give_collapses(&r, st);
-    }
-    if (code == MN_OK)
-        code = give_killed(&r, st);
-    if (code == MN_OK)
-        code = give_simplices(&r, st);
-    if (code == MN_OK) {
-        give_vertices(&r);
-        cell->counts = r.s.counts;
-    }
-    mni_simplify_close(&r.s);
-    return code;
-}
-
-static void number(uint32_t *what, bool made, uint32_t before) {
-    if (made)
-        *what += before;
-}
-
-void mni_cell_number(mni_cell *cell, uint32_t collapses, uint32_t hinges) {
-    for (uint32_t i = 0; i < cell->collapses; i++) {
-        number(&cell->collapse[i].left, cell->collapse[i].left_made, collapses);
-        number(&cell->collapse[i].right, cell->collapse[i].right_made, collapses);
-    }
-    for (uint32_t v = 0; v < cell->vertices; v++) {
-        number(&cell->vertex[v].node, cell->vertex[v].made, collapses);
-        cell->vertex[v].made = false;
-    }
-    for (uint32_t x = 0; x < cell->simplices; x++) {
-        number(&cell->simplex[x].id, cell->simplex[x].made, hinges);
-        cell->simplex[x].made = false;
-    }
+void mni_cell_close(mni_cell *cell) {
+    mni_simplify_close(&cell->s);
+    free(cell->node);
+    free(cell->number);
+    free(cell->collapse);
+    free(cell->killed);
+    *cell = (mni_cell){0};
 }

@@ -1,7 +1,7 @@
 /* See curve.h. */
 #include "curve.h"
 
-enum { BITS = 21, SIDE = 1 << BITS };
+enum { BITS = MNI_CURVE_SIDE_BITS, SIDE = 1 << BITS };
 
 mni_curve mni_curve_make(const float low[3], const float high[3], uint32_t round) {
     /* Multiples of irrational numbers that have nothing to do with each other: shifts of any
@@ -19,11 +19,18 @@ mni_curve mni_curve_make(const float low[3], const float high[3], uint32_t round
     return c;
 }
 
-uint64_t mni_curve_key(const mni_curve *c, const float p[3]) {
+uint64_t mni_curve_place(const mni_curve *c, const float p[3]) {
+    uint64_t place = 0;
+    for (int i = 3; i-- > 0;)
+        place = place << MNI_PLACE_BITS | (uint64_t)(((double)p[i] - c->low[i]) * c->scale);
+    return place;
+}
+
+uint64_t mni_curve_place_key(const mni_curve *c, uint64_t place) {
     uint32_t x[3];
     for (uint32_t i = 0; i < 3; i++) {
         uint32_t side = (i + c->turn) % 3;
-        x[i] = (uint32_t)(((double)p[side] - c->low[side]) * c->scale) + c->shift[side];
+        x[i] = ((uint32_t)(place >> side * MNI_PLACE_BITS) & (SIDE / 2 - 1)) + c->shift[side];
     }
     for (uint32_t bit = SIDE / 2; bit > 1; bit /= 2)
         for (int i = 0; i < 3; i++) {

@@ -14,7 +14,6 @@
 #ifndef MNI_DEAL_H
 #define MNI_DEAL_H
 
-#include "cell.h"
 #include "extmesh.h"
 #include "extsort.h"
 
@@ -58,7 +57,5 @@ mn_code mni_deal_next(mni_deal *deal, mni_hand *hand, mn_status *st);
 void mni_deal_bytes(const mni_deal *deal, uint64_t *read, uint64_t *written);
 void mni_deal_close(mni_deal *deal); /* NULL is harmless */
 void mni_hand_free(mni_hand *hand);
-/* Makes a cell of it: leaves and ghosts, triangles, borders. Any thread. */
-mn_code mni_hand_cell(const mni_hand *hand, mni_cell *cell, mn_status *st);
 
 #endif

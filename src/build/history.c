@@ -167,7 +167,7 @@ static mn_code trouble_of(mni_history *h, mn_status *st) {
 }
 
 mn_code mni_history_add(mni_history *h, const mni_cell *cell, mn_status *st) {
-    const mn_build_counts *c = &cell->counts;
+    const mn_build_counts *c = &cell->s.counts;
     const uint32_t(*killed)[3] = (const uint32_t(*)[3])cell->killed;
     for (uint32_t i = 0; i < cell->collapses; i++, h->collapses++) {
         if (h->collapses % MNI_HISTORY_GROUP == 0)

@@ -21,6 +21,7 @@
 #include "rounds.h"
 
 #include <malloc.h>
+#include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,50 +31,24 @@
 #include "deal.h"
 #include "extsort.h"
 
-static const double SHARE = 1; /* of what a cell could do, done in a round */
-/* A round that makes fewer collapses than this part of its vertices is followed by one of cells
- * twice as large: costs that rise evenly over a whole region are put off from its edge inwards. */
+/* Where costs rise evenly over a whole region, all of it is put off, from the cells' edges inwards.
+ * After a round with fewer collapses than this part of its vertices the next may be so much out of
+ * order, and at last as it likes; from there on it is stricter again, round by round. */
 enum { SLOW_PART = 8 };
+static const float slack[] = {1, 4, INFINITY};
+enum { SLACKS = sizeof slack / sizeof slack[0] };
+/* Two rounds without order that make fewer than this part: the stage is as good as done, and the
+ * next one allows more. In the last one nothing but cells that grow helps (every vertex joined to
+ * places all over the model). */
+enum { STUCK_PART = 64, STUCK_ROUNDS = 2 };
 
 enum { THREADS_MAX = 16 };
 
-/* ---- what travels --------------------------------------------------------------------------- */
-
-/* Where a record belongs: the key on the curve, then the vertex's id, which tells vertices in one
- * place apart, then what tells simplices of one vertex apart. */
-typedef struct head {
-    uint64_t key;
-    uint32_t number, id; /* as the low half of a number of 128 bits */
-} head;
-
-static int by_head(const head *x, const head *y) {
-    if (x->key != y->key)
-        return x->key < y->key ? -1 : 1;
-    return x->id < y->id ? -1 : x->id > y->id;
-}
-
-typedef struct vertex_record {
-    head at;
-    uint64_t low, high; /* keys of its neighbours, as far as its last cell saw them */
-    mni_cell_vertex v;
-} vertex_record;
-_Static_assert(sizeof(vertex_record) <= MNI_SORT_RECORD_MAX, "a vertex can be sorted");
-
-typedef struct simplex_record {
-    head at; /* its first corner; number: its own */
-    mni_cell_simplex x;
-} simplex_record;
-
-typedef struct sight {
-    head at; /* a vertex */
-    uint64_t low, high;
-} sight;
-
 enum { VERTICES, SIMPLICES, SIGHTS, STREAMS };
-static const uint32_t record_bytes[STREAMS] = {sizeof(vertex_record), sizeof(simplex_record),
-                                               sizeof(sight)};
+static const uint32_t record_bytes[STREAMS] = {sizeof(mni_wire_vertex), sizeof(mni_wire_simplex),
+                                               sizeof(mni_wire_sight)};
 /* Of the memory for sorting, what each may have. While a round goes on there are two of each. */
-static const double stream_share[STREAMS] = {0.28, 0.2, 0.02};
+static const double stream_share[STREAMS] = {0.27, 0.21, 0.02};
 
 /* What all threads put away, in one order. */
 typedef struct stream {
@@ -91,8 +66,11 @@ typedef struct rounds {
     uint32_t round;
     bool whole;          /* the last one */
     uint64_t sort_bytes; /* memory for sorting; 0: no bound */
-    uint32_t cell_vertices, cell_vertices_max;
+    int stage;
+    uint32_t slack, stuck; /* index of slack[]; rounds */
+    uint32_t cell_vertices;
     uint32_t vertices, cells; /* of this round */
+    uint64_t simplices;
     /* one for each thread, its own */
     mni_sort *next[STREAMS][THREADS_MAX];
     /* guarded by lock */
@@ -123,10 +101,8 @@ static mni_sort_desc sort_desc(const rounds *r, int which, uint64_t records) {
 static void choose(const rounds *r, stream *s) {
     s->least = 0;
     for (uint32_t i = 1; i < r->desc.threads; i++) {
-        const head *a = s->next[s->least], *b = s->next[i];
-        if (b != NULL &&
-            (a == NULL || b->key < a->key ||
-             (b->key == a->key && (b->id < a->id || (b->id == a->id && b->number < a->number)))))
+        const void *least = s->next[s->least], *next = s->next[i];
+        if (next != NULL && (least == NULL || mni_wire_order(next, least) < 0))
             s->least = i;
     }
 }
@@ -141,74 +117,14 @@ static void advance(rounds *r, int which) {
     choose(r, s);
 }
 
-static uint64_t min_key(uint64_t a, uint64_t b) {
-    return a < b ? a : b;
-}
-
-static uint64_t max_key(uint64_t a, uint64_t b) {
-    return a > b ? a : b;
-}
-
-static int corners_of(const mni_cell_simplex *x) {
-    return x->v[2] == MN_NONE ? 2 : 3;
-}
-
-/* The corners' keys, and which is first on the curve. */
-static int first_corner(const mni_curve *curve, const mni_cell_simplex *x, head at[3]) {
-    int first = 0;
-    for (int c = 0; c < corners_of(x); c++) {
-        at[c] = (head){.key = mni_curve_key(curve, x->p[c]), .id = x->v[c]};
-        if (by_head(&at[c], &at[first]) < 0)
-            first = c;
-    }
-    return first;
-}
-
-/* ---- where a vertex stands ------------------------------------------------------------------ */
-
-/* Ids of a cell's vertices, hashed: open addresses, half of them free. */
-typedef struct places {
-    uint32_t *at; /* index; MN_NONE: free */
-    uint32_t mask;
-} places;
-
-static uint32_t place_of(const places *p, const mni_cell *cell, uint32_t id) {
-    uint32_t i = id * 0x9e3779b1u;
-    for (i ^= i >> 15;; i++) {
-        uint32_t at = p->at[i & p->mask];
-        if (at == MN_NONE || cell->vertex[at].id == id)
-            return at;
-    }
-}
-
-static void place(places *p, const mni_cell *cell, uint32_t index) {
-    uint32_t i = cell->vertex[index].id * 0x9e3779b1u;
-    for (i ^= i >> 15; p->at[i & p->mask] != MN_NONE;)
-        i++;
-    p->at[i & p->mask] = index;
-}
-
-static bool places_open(places *p, uint32_t most) {
-    uint32_t room = 64;
-    while (room < 2 * most)
-        room *= 2;
-    p->mask = room - 1;
-    p->at = malloc(room * sizeof *p->at);
-    if (p->at != NULL)
-        memset(p->at, 0xff, room * sizeof *p->at);
-    return p->at != NULL;
-}
-
 /* ---- filling a cell ------------------------------------------------------------------------- */
 
-/* A cell, what the streams had for it, and the simplices that go on to the next round as they are.
- */
+/* What the streams had for a cell, and the cell. */
 typedef struct job {
     mni_hand hand;
-    vertex_record *vertex;
-    uint32_t vertices;
-    simplex_record *simplex;
-    uint32_t simplices, simplices_room, passing; /* passing: the first ones */
+    mni_wire_vertex *vertex;
+    mni_wire_simplex *simplex;
+    uint32_t vertices, simplices, simplices_room;
     mni_cell cell;
 } job;
 
@@ -223,16 +139,16 @@ static mn_code take_vertices(rounds *r, uint32_t c, job *j) {
     if (j->vertex == NULL)
         return mn_fail(r->st, MN_FAILED, "out of memory for a cell of %u vertices", j->vertices);
     for (uint32_t v = 0; v < j->vertices; v++) {
-        const vertex_record *from = peek(&r->now[VERTICES]);
-        const sight *s;
+        const mni_wire_vertex *from = peek(&r->now[VERTICES]);
+        const mni_wire_sight *s;
         if (from == NULL) /* the stream has failed: as many are there as were counted */
             return r->st->code;
-        vertex_record *to = &j->vertex[v];
+        mni_wire_vertex *to = &j->vertex[v];
         *to = *from;
         advance(r, VERTICES);
-        while ((s = peek(&r->now[SIGHTS])) != NULL && by_head(&s->at, &to->at) == 0) {
-            to->low = min_key(to->low, s->low);
-            to->high = max_key(to->high, s->high);
+        while ((s = peek(&r->now[SIGHTS])) != NULL && s->at.id == to->at.id &&
+               s->at.key == to->at.key) {
+            mni_wire_widen(&to->range, s->range);
             advance(r, SIGHTS);
         }
     }
@@ -241,13 +157,14 @@ static mn_code take_vertices(rounds *r, uint32_t c, job *j) {
 
 /* Under the lock: the simplices whose first corner is in the cell. */
 static mn_code take_simplices(rounds *r, job *j) {
-    const head *last = &j->vertex[j->vertices - 1].at;
-    const simplex_record *from;
+    mni_wire_head last = j->vertex[j->vertices - 1].at;
+    const mni_wire_simplex *from;
+    last.number = UINT32_MAX;
     j->simplices = 0;
-    while ((from = peek(&r->now[SIMPLICES])) != NULL && by_head(&from->at, last) <= 0) {
+    while ((from = peek(&r->now[SIMPLICES])) != NULL && mni_wire_order(&from->at, &last) <= 0) {
         if (j->simplices == j->simplices_room) {
-            uint32_t room = j->simplices_room * 2 + 1024;
-            simplex_record *more = realloc(j->simplex, room * sizeof *more);
+            uint32_t room = j->simplices_room + j->simplices_room / 4 + 2 * j->vertices + 64;
+            mni_wire_simplex *more = realloc(j->simplex, room * sizeof *more);
             if (more == NULL)
                 return mn_fail(r->st, MN_FAILED, "out of memory for %u simplices", room);
             j->simplex = more;
@@ -266,140 +183,106 @@ static mn_code take_cell(rounds *r, uint32_t c, job *j) {
     return code == MN_OK ? take_simplices(r, j) : code;
 }
 
-/* Simplices of which all corners are here, triangles first; the others to the front of j->simplex.
- */
-static void settle_simplices(job *j, const places *p) {
-    mni_cell *cell = &j->cell;
-    j->passing = 0;
-    for (int hinges = 0; hinges < 2; hinges++)
-        for (uint32_t i = 0; i < j->simplices; i++) {
-            mni_cell_simplex x = j->simplex[i].x;
-            bool inside = true;
-            if (i < j->passing || (x.v[2] == MN_NONE) != (hinges == 1))
-                continue;
-            for (int c = 0; c < 3; c++) {
-                x.at[c] = x.v[c] == MN_NONE ? MN_NONE : place_of(p, cell, x.v[c]);
-                inside &= x.v[c] == MN_NONE || x.at[c] != MN_NONE;
-            }
-            if (inside) {
-                cell->simplex[cell->simplices++] = x;
-            } else {
-                simplex_record passing = j->simplex[i];
-                j->simplex[i] = j->simplex[j->passing];
-                j->simplex[j->passing++] = passing;
-            }
+/* ---- what goes on to the next round --------------------------------------------------------- */
+
+typedef struct outlet {
+    const mni_curve *curve;
+    mni_sort *vertices, *simplices, *sights;
+} outlet;
+
+static outlet outlet_of(const rounds *r, uint32_t thread) {
+    return (outlet){&r->next_curve, r->next[VERTICES][thread], r->next[SIMPLICES][thread],
+                    r->next[SIGHTS][thread]};
+}
+
+static int corners_of(const mni_wire_simplex *x) {
+    return x->v[2] == MN_NONE ? 2 : 3;
+}
+
+/* The places and numbers of x are set; keys: of its corners on the next curve. Returns the range of
+ * these. */
+static mni_wire_range send_simplex(const outlet *o, mni_wire_simplex *x, const uint64_t keys[3]) {
+    mni_wire_head first = {.key = UINT64_MAX, .id = UINT32_MAX, .number = x->at.number};
+    mni_wire_range range = mni_wire_nothing;
+    for (int c = 0; c < corners_of(x); c++) {
+        mni_wire_head at = {.key = keys[c], .number = x->at.number, .id = x->v[c]};
+        mni_wire_widen(&range, mni_wire_range_of(keys[c]));
+        if (mni_wire_order(&at, &first) < 0)
+            first = at;
+    }
+    x->at = first;
+    mni_sort_put(o->simplices, x);
+    return range;
+}
+
+static void send_sight(const outlet *o, uint32_t id, uint64_t key, mni_wire_range range) {
+    mni_wire_sight s = {.at = {.key = key, .id = id}, .range = range};
+    mni_sort_put(o->sights, &s);
+}
+
+/* Of simplices between cells no cell knows all corners: each is told of the others. */
+static void give_passing(const outlet *o, mni_wire_simplex *x, uint32_t count) {
+    for (; count > 0; count--, x++) {
+        uint64_t keys[3];
+        for (int c = 0; c < corners_of(x); c++)
+            keys[c] = mni_curve_place_key(o->curve, x->place[c]);
+        mni_wire_range range = send_simplex(o, x, keys);
+        for (int c = 0; c < corners_of(x); c++)
+            send_sight(o, x->v[c], keys[c], range);
+    }
+}
+
+/* Where a vertex is on the next curve, and what its simplices see. */
+typedef struct standing {
+    uint64_t place, key;
+    mni_wire_range range;
+} standing;
+
+static void give_simplices(const outlet *o, const mni_cell *cell, standing *stands) {
+    for (uint32_t x = 0; x < cell->s.surface.simplices; x++) {
+        const uint32_t *v = cell->s.surface.simplex[x].v;
+        mni_wire_simplex out;
+        uint64_t keys[3];
+        if (!mni_cell_simplex(cell, x, &out))
+            continue;
+        for (int c = 0; c < corners_of(&out); c++) {
+            out.place[c] = stands[v[c]].place;
+            keys[c] = stands[v[c]].key;
         }
-}
-
-/* What was taken becomes a cell. */
-static mn_code settle_cell(const rounds *r, job *j, mn_status *st) {
-    mni_cell *cell = &j->cell;
-    places p = {0};
-    if (r->round == 0)
-        return mni_hand_cell(&j->hand, cell, st);
-    cell->vertex = malloc(j->vertices * sizeof *cell->vertex);
-    cell->simplex = malloc(((size_t)j->simplices + 1) * sizeof *cell->simplex);
-    cell->simplices_room = j->simplices + 1;
-    if (cell->vertex == NULL || cell->simplex == NULL || !places_open(&p, j->vertices))
-        return mn_fail(st, MN_FAILED, "out of memory for a cell of %u vertices", j->vertices);
-    cell->vertices = j->vertices;
-    uint64_t first = j->vertex[0].at.key, last = j->vertex[j->vertices - 1].at.key;
-    for (uint32_t v = 0; v < cell->vertices; v++) {
-        const vertex_record *from = &j->vertex[v];
-        cell->vertex[v] = from->v; /* equal keys may be in the next cell */
-        cell->vertex[v].border = !r->whole && (from->low <= first || from->high >= last);
-        place(&p, cell, v);
-    }
-    free(j->vertex);
-    j->vertex = NULL;
-    settle_simplices(j, &p);
-    free(p.at);
-    return MN_OK;
-}
-
-/* ---- giving a cell back --------------------------------------------------------------------- */
-
-/* Of a simplex between cells, of which no cell knows all corners: each is told of the others. */
-static void send_sights(mni_sort *sights, const mni_curve *curve, const mni_cell_simplex *x) {
-    head at[3];
-    uint64_t low = UINT64_MAX, high = 0;
-    first_corner(curve, x, at);
-    for (int c = 0; c < corners_of(x); c++) {
-        low = min_key(low, at[c].key);
-        high = max_key(high, at[c].key);
-    }
-    for (int c = 0; c < corners_of(x); c++) {
-        sight s = {at[c], low, high};
-        mni_sort_put(sights, &s);
+        mni_wire_range range = send_simplex(o, &out, keys);
+        for (int c = 0; c < corners_of(&out); c++) {
+            mni_wire_widen(&stands[v[c]].range, range);
+            if (v[c] >= cell->own)
+                send_sight(o, out.v[c], keys[c], range);
+        }
     }
 }
 
-/* What is left of a cell goes into the thread's sorts. */
-static mn_code give_cell(rounds *r, uint32_t thread, job *j, mn_status *st) {
-    const mni_cell *cell = &j->cell;
-    const mni_curve *curve = &r->next_curve;
-    mni_sort *vertices = r->next[VERTICES][thread], *simplices = r->next[SIMPLICES][thread],
-             *sights = r->next[SIGHTS][thread];
-    vertex_record *record = malloc(((size_t)cell->vertices + 1) * sizeof *record);
-    if (record == NULL)
+/* What is left of a cell. */
+static mn_code give_cell(const outlet *o, const mni_cell *cell, mn_status *st) {
+    standing *stands = malloc(cell->vertices * sizeof *stands);
+    if (stands == NULL)
         return mn_fail(st, MN_FAILED, "out of memory for a cell");
     for (uint32_t v = 0; v < cell->vertices; v++)
-        record[v] = (vertex_record){
-            .at = {.key = mni_curve_key(curve, cell->vertex[v].p), .id = cell->vertex[v].id},
-            .low = UINT64_MAX,
-            .v = cell->vertex[v]};
-    for (uint32_t x = 0; x < cell->simplices; x++) {
-        const mni_cell_simplex *s = &cell->simplex[x];
-        uint64_t low = UINT64_MAX, high = 0;
-        simplex_record to = {.x = *s};
-        bool crosses = false;
-        for (int c = 0; c < corners_of(s); c++) {
-            head at = s->at[c] != MN_NONE
-                          ? record[s->at[c]].at
-                          : (head){.key = mni_curve_key(curve, s->p[c]), .id = s->v[c]};
-            crosses |= s->at[c] == MN_NONE;
-            low = min_key(low, at.key);
-            high = max_key(high, at.key);
-            if (c == 0 || by_head(&at, &to.at) < 0)
-                to.at = at;
+        if (v >= cell->own || cell->s.surface.vertex[v].node != MN_NONE) {
+            uint64_t place = mni_curve_place(o->curve, cell->s.surface.vertex[v].p);
+            stands[v] = (standing){place, mni_curve_place_key(o->curve, place), mni_wire_nothing};
         }
-        to.at.number = s->id;
-        mni_sort_put(simplices, &to);
-        if (crosses)
-            send_sights(sights, curve, s);
-        for (int c = 0; c < corners_of(s); c++)
-            if (s->at[c] != MN_NONE) {
-                record[s->at[c]].low = min_key(record[s->at[c]].low, low);
-                record[s->at[c]].high = max_key(record[s->at[c]].high, high);
-            }
+    give_simplices(o, cell, stands);
+    for (uint32_t v = 0; v < cell->own; v++) {
+        mni_wire_vertex out;
+        if (!mni_cell_vertex(cell, v, &out))
+            continue;
+        out.at.key = stands[v].key;
+        out.range = stands[v].range;
+        mni_sort_put(o->vertices, &out);
     }
-    for (uint32_t v = 0; v < cell->vertices; v++)
-        mni_sort_put(vertices, &record[v]);
-    free(record);
+    free(stands);
     return MN_OK;
-}
-
-static void give_passing(rounds *r, uint32_t thread, job *j) {
-    for (uint32_t i = 0; i < j->passing; i++) {
-        head at[3];
-        simplex_record *x = &j->simplex[i];
-        x->at = at[first_corner(&r->next_curve, &x->x, at)];
-        x->at.number = x->x.id;
-        mni_sort_put(r->next[SIMPLICES][thread], x);
-        send_sights(r->next[SIGHTS][thread], &r->next_curve, &x->x);
-    }
-}
-
-static void free_cell(job *j) {
-    free(j->cell.vertex);
-    free(j->cell.simplex);
-    free(j->cell.collapse);
-    free(j->cell.killed);
-    j->cell = (mni_cell){0};
 }
 
 static void free_job(job *j) {
-    free_cell(j);
+    mni_cell_close(&j->cell);
     mni_hand_free(&j->hand);
     free(j->vertex);
     free(j->simplex);
@@ -424,6 +307,15 @@ static mn_code tell(const rounds *r, mn_status *st) {
     return mn_fail(st, MN_FAILED, "interrupted");
 }
 
+static void keep_root(rounds *r, const mni_cell *cell) {
+    mni_wire_vertex root;
+    uint32_t v = 0;
+    while (!mni_cell_vertex(cell, v, &root))
+        v++;
+    r->history->root_value = root.value;
+    r->history->root_levels = root.levels;
+}
+
 /* Under the lock: what a cell has made gets its numbers, cell by cell. */
 static mn_code number_cell(rounds *r, uint32_t c, mni_cell *cell, mn_status *st) {
     while (r->numbered != c && r->code == MN_OK)
@@ -432,41 +324,49 @@ static mn_code number_cell(rounds *r, uint32_t c, mni_cell *cell, mn_status *st)
         return r->code;
     mni_cell_number(cell, r->history->collapses, r->history->hinges);
     mn_code code = mni_history_add(r->history, cell, st);
-    if (code == MN_OK && r->whole) {
-        MN_ASSERT(cell->vertices == 1 && cell->simplices == 0);
-        r->history->root_value = cell->vertex[0].value;
-        r->history->root_levels = cell->vertex[0].levels;
-    }
+    if (code == MN_OK && r->whole)
+        keep_root(r, cell);
     r->numbered++;
     pthread_cond_broadcast(&r->turn);
     return code == MN_OK ? tell(r, st) : code;
 }
 
+/* What was taken becomes a cell. */
+static mn_code open_cell(const rounds *r, uint32_t thread, job *j, mn_status *st) {
+    mni_cell_desc desc = {
+        .metric = r->desc.metric, .whole = r->whole, .stage = r->stage, .slack = slack[r->slack]};
+    if (r->round == 0)
+        return mni_cell_open_dealt(&j->cell, &desc, &j->hand, st);
+    outlet o = outlet_of(r, thread);
+    uint32_t passing;
+    mn_code code = mni_cell_open_taken(&j->cell, &desc, &j->vertex, j->vertices, j->simplex,
+                                       j->simplices, &passing, st);
+    give_passing(&o, j->simplex, passing);
+    free(j->simplex);
+    j->simplex = NULL;
+    j->simplices_room = 0;
+    return code;
+}
+
 /* Under the lock, which it leaves while it works. */
 static mn_code do_cell(rounds *r, uint32_t thread, job *j, mn_status *st) {
     uint32_t c = r->taken++;
-    mni_cell_desc desc = {.metric = r->desc.metric,
-                          .first = r->round == 0,
-                          .whole = r->whole,
-                          .stage = 1,
-                          .share = SHARE};
+    outlet o = outlet_of(r, thread);
     mn_code code = take_cell(r, c, j);
     if (code != MN_OK)
         *st = *r->st;
     pthread_mutex_unlock(&r->lock);
     if (code == MN_OK)
-        code = settle_cell(r, j, st);
-    if (code == MN_OK) {
-        give_passing(r, thread, j);
-        code = mni_cell_run(&j->cell, &desc, st);
-    }
+        code = open_cell(r, thread, j, st);
+    if (code == MN_OK)
+        code = mni_cell_run(&j->cell, st);
     pthread_mutex_lock(&r->lock);
     if (code == MN_OK)
         code = number_cell(r, c, &j->cell, st);
     pthread_mutex_unlock(&r->lock);
     if (code == MN_OK && !r->whole)
-        code = give_cell(r, thread, j, st);
-    free_cell(j);
+        code = give_cell(&o, &j->cell, st);
+    mni_cell_close(&j->cell);
     pthread_mutex_lock(&r->lock);
     return code;
 }
@@ -571,22 +471,35 @@ static mn_code turn_over(rounds *r) {
         choose(r, &r->now[i]);
         if (i == VERTICES)
             r->vertices = (uint32_t)records;
+        if (i == SIMPLICES)
+            r->simplices = records;
     }
     return r->st->code;
 }
 
-static mn_code grow_cells(rounds *r, uint32_t made) {
-    if ((uint64_t)made * SLOW_PART > r->vertices)
-        return MN_OK;
-    if (r->cell_vertices < r->cell_vertices_max / 2)
-        r->cell_vertices *= 2;
-    else if (r->cell_vertices < r->cell_vertices_max)
-        r->cell_vertices = r->cell_vertices_max;
-    else if (made == 0)
-        return mn_fail(r->st, MN_CAP_TOO_SMALL,
-                       "%u vertices cannot be simplified in cells of %u; try twice the --ram",
-                       r->vertices, r->cell_vertices);
-    return MN_OK;
+/* What the next round is to do, by what this one has done. */
+static void go_on(rounds *r, uint32_t before, uint32_t made) {
+    if (r->stage == 4)
+        return;
+    if (r->simplices == 0) {
+        r->stage = 4;
+        r->history->counts.components = r->vertices;
+    } else if ((uint64_t)made * SLOW_PART >= before) {
+        r->slack -= r->slack > 0;
+        r->stuck = 0;
+    } else if (r->slack + 1 < SLACKS) {
+        r->slack++;
+    } else if ((uint64_t)made * STUCK_PART >= before) {
+        r->stuck = 0;
+    } else if (++r->stuck == STUCK_ROUNDS) {
+        r->stuck = 0;
+        if (r->stage < 3) {
+            r->stage++;
+            r->slack = 0;
+        } else {
+            r->cell_vertices *= 2;
+        }
+    }
 }
 
 static mn_code open_deal(rounds *r) {
@@ -602,8 +515,9 @@ static mn_code open_deal(rounds *r) {
 
 static mn_code all_rounds(rounds *r) {
     mn_code code = MN_OK;
+    r->stage = 1;
     for (r->round = 0; code == MN_OK && !r->whole; r->round++) {
-        uint32_t before = r->history->collapses;
+        uint32_t before = r->history->collapses, vertices = r->vertices;
         r->cells = (uint32_t)(((uint64_t)r->vertices + r->cell_vertices - 1) / r->cell_vertices);
         r->whole = r->cells == 1;
         if (r->round == 0)
@@ -614,16 +528,16 @@ static mn_code all_rounds(rounds *r) {
         if (code == MN_OK)
             code = run_round(r);
         if (code == MN_OK)
-            code = grow_cells(r, r->history->collapses - before);
-        if (code == MN_OK)
             code = turn_over(r);
+        if (code == MN_OK && !r->whole)
+            go_on(r, vertices, r->history->collapses - before);
     }
     r->history->counts.rounds = r->round;
     return code;
 }
 
 /* Of a cell's vertex, with all that a run takes, and what the allocator keeps. */
-enum { CELL_BYTES = 2000, SORT_BYTES_MIN = 2 << 20 };
+enum { CELL_BYTES = 1000, SORT_BYTES_MIN = 2 << 20 };
 
 static uint64_t cells_bytes(uint64_t vertices, uint64_t threads) {
     return vertices * threads * CELL_BYTES;
@@ -636,18 +550,14 @@ uint64_t mni_rounds_work_min(uint32_t cell_vertices) {
 /* Half of the memory for cells at most; threads only where there is room for their cells. */
 static void plan_memory(rounds *r) {
     mni_rounds_desc *d = &r->desc;
-    uint64_t n = r->vertices, work = d->work_bytes;
+    uint64_t work = d->work_bytes;
     d->threads = d->threads == 0 ? 1 : d->threads < THREADS_MAX ? d->threads : THREADS_MAX;
     r->cell_vertices = d->cell_vertices > 0 ? d->cell_vertices : MNI_CELL_VERTICES;
-    r->cell_vertices_max = UINT32_MAX / 2;
     if (work == 0)
         return;
     while (d->threads > 1 && cells_bytes(r->cell_vertices, d->threads) > work / 2)
         d->threads--;
-    uint64_t one = cells_bytes(1, d->threads);
-    r->cell_vertices_max = (uint32_t)(work / 2 / one < n ? work / 2 / one : n);
-    uint64_t cells =
-        one * (r->cell_vertices > r->cell_vertices_max ? r->cell_vertices : r->cell_vertices_max);
+    uint64_t cells = cells_bytes(r->cell_vertices, d->threads);
     r->sort_bytes = work > cells ? work - cells : 1;
 }
 

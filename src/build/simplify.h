@@ -75,9 +75,9 @@ typedef struct mni_part {
      * is put off, both its ends close at its key: so nothing goes before a cheaper one beside it.
      */
     mni_heap_key *closed;
-    float *key; /* a vertex's node's: the largest cost of the collapses that it has waited for */
-    mni_heap_key limit; /* no collapse beyond */
-    uint32_t *id;       /* the vertices' numbers; NULL: as they are here */
+    float *key;   /* a vertex's node's: the largest cost of the collapses that it has waited for */
+    float slack;  /* by which factor a collapse may cost more than one beside it that is put off */
+    uint32_t *id; /* the vertices' numbers; NULL: as they are here */
 } mni_part;
 
 enum { MNI_PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */
@@ -117,9 +117,6 @@ mn_code mni_simplify_stage(mni_simplifier *s, int stage);
 void mni_simplify_settle(mni_simplifier *s);
 /* Records the collapse of r into k in the tree: the surface has been changed. MN_FAILED: memory. */
 mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k, float cost);
-/* Sets the limit of a part: what the first candidates of that share of its vertices cost, those not
- * counted that are closed. */
-mn_code mni_simplify_limit(mni_simplifier *s, double share);
 /* roots.c, stage 4: virtual edges between nearest roots, shortest first, until so many are left. */
 mn_code mni_simplify_roots(mni_simplifier *s, uint32_t least);
 /* tree_make.c: the run's collapses as a tree, leaves renumbered. */

@@ -113,7 +113,7 @@ static mn_code add(mni_history *h, made *m, uint64_t *state, mn_status *st) {
                          .collapses = count,
                          .killed = m->killed + killed,
                          .hinges = 1,
-                         .counts = {.boundary_edges = 2, .collapses_by_stage = {count}}};
+                         .s.counts = {.boundary_edges = 2, .collapses_by_stage = {count}}};
         for (uint32_t i = 0; i < count; i++)
             cell.killed_count += cell.collapse[i].simplices;
         mn_code code = mni_history_add(h, &cell, st);

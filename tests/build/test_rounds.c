@@ -201,20 +201,41 @@ static void check_same(mni_history *a, mni_history *b) {
     }
 }
 
+/* Each its own part. */
+static void make_lone_triangles(random_mesh *m, uint32_t triangles) {
+    make_soup(m, 3 * triangles, triangles, 1000);
+    for (uint32_t i = 0; i < 3 * triangles; i++)
+        m->mesh.corner[i] = i;
+}
+
+/* Surfaces; edges with many triangles; poles with more than a cell holds; more parts than a cell
+ * holds; vertices joined to others all over the model. */
+enum { GLOBE, SOUP, POLES, LONE, FAR, KINDS };
+
 static void make_kind(random_mesh *m, int kind) {
-    if (kind == 0)
+    if (kind == GLOBE)
         make_globe(m, 60, 90);
+    else if (kind == SOUP)
+        make_soup(m, 3000, 6000, 1000);
+    else if (kind == POLES)
+        make_globe(m, 8, 600);
+    else if (kind == LONE)
+        make_lone_triangles(m, 2000);
     else
-        make_globe(m, 120, 40);
+        make_soup(m, 1500, 1500, 4);
     write_out(m);
 }
 
 START_TEST(the_history_is_the_meshs_alone) {
     random_mesh m;
     make_kind(&m, _i);
-    mni_rounds_desc desc = {.cell_vertices = 400, .temp_dir = "/tmp"};
+    mni_rounds_desc desc = {.cell_vertices = _i == GLOBE ? 1500 : 400, .temp_dir = "/tmp"};
     mni_history first = make_history(&m, &desc);
     ck_assert_uint_gt(first.counts.rounds, 2);
+    if (_i == GLOBE)
+        ck_assert_uint_eq(first.counts.order_violations, 0);
+    if (_i == LONE)
+        ck_assert_uint_eq(first.counts.components, 2000);
     for (desc.threads = 1; desc.threads <= 16; desc.threads += 3) {
         desc.work_bytes = mni_rounds_work_min(desc.cell_vertices) * desc.threads * 2;
         mni_history other = make_history(&m, &desc);
@@ -271,7 +292,7 @@ int main(void) {
     TCase *tc = tcase_create("rounds");
     tcase_set_timeout(tc, 120);
     tcase_add_test(tc, cells_are_dealt_what_is_theirs);
-    tcase_add_loop_test(tc, the_history_is_the_meshs_alone, 0, 2);
+    tcase_add_loop_test(tc, the_history_is_the_meshs_alone, 0, KINDS);
     tcase_add_loop_test(tc, a_disk_that_fills, 0, 2);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
