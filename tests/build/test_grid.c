@@ -118,6 +118,26 @@ START_TEST(on_the_disk_as_in_memory) {
 }
 END_TEST
 
+/* 2^21 steps along a side, from a place between two: the last one's number is past what it has bits
+ * for, and neighbours at that end are two places still. */
+START_TEST(the_last_step_of_a_side) {
+    float at[] = {0.4f, 0.4f, 0, 3, 2097151, 0, 4, 2097151, 0, 7, 7, 7};
+    uint32_t corner[3] = {0, 1, 2}, vertex_of[4];
+    mn_mesh m;
+    mni_extmesh x;
+    mn_status st = {0};
+    const mni_extmesh_desc desc = {.work_bytes = MNI_EXTMESH_WORK_MIN, .temp_dir = "/tmp"};
+    cloud(&m, at, 4);
+    m.triangles = 1;
+    m.corner = corner;
+    ck_assert_msg(mni_extmesh_make(&m, "/tmp", vertex_of, &x, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mni_extmesh_quantise(&x, 21, &desc, &st) == MN_OK, "%s", st.text);
+    ck_assert_float_eq(x.grid_step, 1);
+    ck_assert_uint_eq(x.intake.merged_positions, 0);
+    mni_extmesh_close(&x);
+}
+END_TEST
+
 START_TEST(limits) {
     float one[] = {3, -5, 0.1f}, zero[] = {0, 0, 0, -0.0f, 0, 0},
           least[] = {0, 0, 0, 0x1p-149f, 0, 0x1p-148f};
@@ -143,6 +163,7 @@ int main(void) {
     tcase_add_test(t, the_nearest_of_one_grid);
     tcase_add_test(t, what_falls_together_is_counted);
     tcase_add_test(t, on_the_disk_as_in_memory);
+    tcase_add_test(t, the_last_step_of_a_side);
     tcase_add_test(t, limits);
     suite_add_tcase(s, t);
     return suite_run(s);
