@@ -1,0 +1,199 @@
+#!/usr/bin/env bash
+# Goal: whenever a build is killed, there is no output or a whole one, and --resume ends with the same bytes,
+# whatever memory and threads it has; whenever it is interrupted or its disk fills, it leaves nothing.
+# Method: builds that are killed, interrupted, or robbed of their disk, at moments that a seed decides; and
+# killed right after each phase. MN_SEED replays the moments, as far as a clock can; TIMES is how many
+# kills (50).
+# e2e_kill.sh [BUILD]
+if [[ -z ${KILL_INSIDE-} ]] && unshare -rm true 2>/dev/null; then # a user may mount disks there
+    KILL_INSIDE=1 exec unshare -rm "$0" "$@"
+fi
+source "$(dirname "$0")/e2e_lib.sh"
+cd "$scratch"
+seed=${MN_SEED:-$(od -An -N3 -tu4 /dev/urandom | tr -d ' ')}
+times=${TIMES:-50}
+RANDOM=$((seed % 32768))
+echo "seed $seed"
+
+now_ms() { date +%s%3N; }
+
+# A moment of a run that takes `whole_ms`, a little after its end included, in seconds.
+moment() { awk -v r=$RANDOM -v w="$whole_ms" 'BEGIN {printf "%.3f", 1.1 * w / 1000 * r / 32768}'; }
+
+# begin ARGUMENT…: metanode in the background, with signals as at a terminal; its number in $child.
+begin() {
+    set -m
+    "$metanode" "$@" >"$out" 2>"$err" </dev/null &
+    set +m
+    child=$!
+}
+
+# Its exit code in $code.
+await() {
+    code=0
+    wait "$child" 2>/dev/null || code=$?
+}
+
+# resumed NAME OUT: goes on with another amount of memory and threads, to the same bytes.
+resumed() {
+    local ways=("" "--work-ram 4M" "-j 1" "--work-ram 5M -j 3")
+    local way=${ways[$((RANDOM % 4))]}
+    # shellcheck disable=SC2086 # options are words
+    expect 0 "$1, resumed $way" build model.ply -o "$2" --resume $way || return 1
+    one_line "$1, resumed" work
+    sed -nE 's/.*: (goes on after [a-z]+|[^:]*from the beginning)$/\1/p' "$err" >>notes
+    check "$1, resumed $way: the same bytes" cmp whole.mnt "$2"
+    check "$1, resumed: no more than that" test "$(ls -A "$(dirname "$2")")" = "$(basename "$2")"
+}
+
+kills() {
+    local i
+    for ((i = 0; i < times; i++)); do
+        rm -rf here && mkdir here
+        begin build model.ply -o here/out.mnt
+        sleep "$(moment)"
+        kill -KILL "$child" 2>/dev/null || true
+        await
+        if [[ -e here/out.mnt ]]; then
+            check "kill $i: a whole output" cmp whole.mnt here/out.mnt
+        elif [[ $code -ne 137 ]]; then
+            fail "kill $i: exit $code without an output"
+        fi
+        resumed "kill $i" here/out.mnt || return 0
+    done
+    sort notes | uniq -c | sed 's/^ */    of the resumed: /'
+}
+
+# Killed when the state says that phase N is finished.
+after_each_phase() {
+    local phase kept names=(- reading simplifying ordering)
+    for phase in 1 2 3; do
+        rm -rf here && mkdir here
+        begin build model.ply -o here/out.mnt --work-ram 4M
+        kept=0
+        while kill -0 "$child" 2>/dev/null && [[ $kept -lt $phase ]]; do
+            kept=$(od -An -j8 -N1 -tu1 here/out.mnt.work/state 2>/dev/null | tr -d ' ') || true
+            kept=${kept:-0}
+        done
+        kill -KILL "$child" 2>/dev/null || true
+        await
+        if [[ $code -ne 137 ]]; then
+            skip "phase $phase: it was over before it could be killed"
+            continue
+        fi
+        : >notes
+        resumed "after phase $phase" here/out.mnt || continue
+        check "after phase $phase: it goes on there, or later" \
+            grep -qE "goes on after ($(IFS='|' && echo "${names[*]:phase}"))" notes
+        # whoever does not ask to resume clears what is left of a kill
+        rm -rf here && mkdir here
+        begin build model.ply -o here/out.mnt
+        sleep "$(moment)"
+        kill -KILL "$child" 2>/dev/null || true
+        await
+        expect 0 "after a kill, anew" build model.ply -o here/out.mnt
+        check "anew: the same bytes" cmp whole.mnt here/out.mnt
+        check "anew: no more than that" test "$(ls -A here)" = out.mnt
+    done
+}
+
+refusals() {
+    rm -rf here && mkdir here
+    begin build model.ply -o here/out.mnt
+    while kill -0 "$child" 2>/dev/null && [[ ! -e here/out.mnt.work/state ]]; do :; done
+    kill -STOP "$child" 2>/dev/null || true
+    if [[ ! -e here/out.mnt.work/state ]]; then
+        skip "refusals: it was over before it could be stopped"
+        kill -CONT "$child" 2>/dev/null || true
+        await
+        return 0
+    fi
+    expect 1 "two builds of one output" build model.ply -o here/out.mnt --resume && one_line "two builds" work "another build"
+    kill -KILL "$child"
+    kill -CONT "$child" 2>/dev/null || true
+    await
+    expect 2 "other options" build model.ply -o here/out.mnt --resume --metric length && one_line "other options" options --resume
+    cp -p model.ply copy.ply
+    touch model.ply
+    expect 3 "another mesh" build model.ply -o here/out.mnt --resume && one_line "another mesh" changed --resume
+    touch -r copy.ply model.ply
+    resumed "after refusals" here/out.mnt
+    # another output of that name, with the same --temp-dir, is another build
+    mkdir -p temp there
+    begin build model.ply -o here/out.mnt --temp-dir temp
+    expect 0 "beside another" build model.ply -o there/out.mnt --temp-dir temp
+    await
+    check "both are built" test "$code" -eq 0
+    check "both are the same" cmp here/out.mnt there/out.mnt
+    check "and nothing is left" test -z "$(ls -A temp)"
+}
+
+interrupts() {
+    local i signal signals=(INT TERM HUP)
+    for ((i = 0; i < times / 3; i++)); do
+        signal=${signals[$((i % 3))]}
+        rm -rf here && mkdir here
+        begin build model.ply -o here/out.mnt
+        sleep "$(moment)"
+        kill "-$signal" "$child" 2>/dev/null || true
+        await
+        if [[ $code -eq 0 ]]; then
+            check "SIG$signal $i: a whole output" cmp whole.mnt here/out.mnt
+            rm here/out.mnt
+        elif [[ $code -gt 128 ]]; then # before it had begun to listen
+            pass
+        else
+            check "SIG$signal $i: exit $code" test "$code" -eq 1
+            one_line "SIG$signal $i" "interrupted by SIG$signal"
+        fi
+        check "SIG$signal $i: nothing is left" test -z "$(ls -A here)"
+    done
+}
+
+# A disk with room enough when the build begins, which somebody else fills meanwhile.
+full_disks() {
+    local i planned
+    mkdir -p disk
+    if ! mount -t tmpfs -o size=1m none disk 2>"$err"; then
+        skip "no disk can be mounted ($(head -n 1 "$err"))"
+        return 0
+    fi
+    expect 4 "a disk without room" build model.ply -o out.mnt --temp-dir disk &&
+        one_line "a disk without room" out.mnt disk "MB are needed" "1.0 MB are free" --temp-dir
+    check "a disk without room: nothing is left" test -z "$(ls -A disk)"
+    umount disk
+    expect 0 planned build model.ply -o out.mnt --json
+    planned=$(figures temp_bytes_planned)
+    holds "the peak is within the plan" "$(figures temp_bytes_peak) <= $planned"
+    rm out.mnt
+    for ((i = 0; i < times / 5; i++)); do
+        mount -t tmpfs -o "size=$((planned + (1 << 20)))" none disk
+        begin build model.ply -o out.mnt --work-ram 4M --temp-dir disk
+        sleep "$(moment)"
+        head -c "$((planned * 2))" /dev/zero >disk/full 2>/dev/null || true
+        await
+        if [[ $code -eq 0 ]]; then
+            check "full disk $i: a whole output" cmp whole.mnt out.mnt
+            rm out.mnt
+        else
+            check "full disk $i: exit $code" test "$code" -eq 4
+            one_line "full disk $i" space
+        fi
+        check "full disk $i: no output" test ! -e out.mnt
+        check "full disk $i: nothing is left" test "$(ls -A disk)" = full
+        umount disk
+    done
+}
+
+expect 0 model make terrain --triangles 60000 -o model.ply || finish
+begun_ms=$(now_ms)
+expect 0 whole build model.ply -o whole.mnt || finish
+whole_ms=$(($(now_ms) - begun_ms))
+expect 0 sound verify whole.mnt --against model.ply
+: >notes
+part kills
+part after_each_phase
+part refusals
+part interrupts
+part full_disks
+finish
