@@ -117,8 +117,10 @@ static bool write_triangles(mni_extintake *x) {
     mni_spill_writer w;
     const packed *p;
     packed before = {0};
+    uint64_t done = x->triangles;
     mni_spill_writer_open(&w, &x->result.triangle, x->buffer[0], x->buffer_bytes);
-    while ((p = mni_sort_next(x->triangle_sort, x->st)) != NULL) {
+    while ((p = mni_sort_next(x->triangle_sort, x->st)) != NULL &&
+           mni_ext_tell_triangles(x, done++)) {
         bool twin =
             x->result.triangles > 0 && p->high == before.high && p->low >> 33 == before.low >> 33;
         if (twin) {

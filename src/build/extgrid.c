@@ -13,6 +13,7 @@
 #include "extsort.h"
 #include "grid.h"
 #include "mem.h"
+#include "watch.h"
 
 enum { AXIS_BITS = 21 };
 
@@ -118,12 +119,14 @@ static bool move_vertices(gridder *g, uint64_t *after) {
     mni_spill_reader r;
     mni_spill_writer w;
     const mni_extvertex *from;
+    uint64_t done = 0;
     if (mni_spill_open_kept(&to, g->desc->temp_dir, g->desc->keep, g->st) != MN_OK)
         return false;
     bool ok = open_sort(g, &sort);
     mni_spill_writer_open(&w, &to, g->buffer[1], g->buffer_bytes);
     read_vertices(g, &r, true);
     while (ok && (from = mni_spill_take(&r, sizeof *from)) != NULL) {
+        ok = mni_watch_each(&g->desc->watch, "grid", done++, g->mesh->vertices, g->st) == MN_OK;
         mni_extvertex v = *from;
         for (int i = 0; i < 3; i++)
             v.position[i] = mni_grid_round(v.position[i], (float)g->step);

@@ -20,6 +20,7 @@
 #include "extmesh.h"
 #include "extsort.h"
 #include "mem.h"
+#include "watch.h"
 
 typedef struct mni_extintake mni_extintake;
 typedef struct mni_ext_edges mni_ext_edges;
@@ -100,6 +101,15 @@ typedef struct mni_ext_wide {
 
 static inline bool mni_ext_is_wide(const mni_extintake *x) {
     return x->narrow_vertices < x->vertices;
+}
+
+/* How far numbering vertices has come, and triangles by their numbers; each goes over them twice.
+ */
+static inline bool mni_ext_tell_vertices(const mni_extintake *x, uint64_t done) {
+    return mni_watch_each(&x->desc.watch, "number", done, 2 * x->vertices, x->st) == MN_OK;
+}
+static inline bool mni_ext_tell_triangles(const mni_extintake *x, uint64_t done) {
+    return mni_watch_each(&x->desc.watch, "check", done, 2 * x->triangles, x->st) == MN_OK;
 }
 
 typedef enum mni_ext_share {

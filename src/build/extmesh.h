@@ -42,6 +42,7 @@ typedef struct mni_extmesh_desc {
     uint64_t work_bytes;  /* at least MNI_EXTMESH_WORK_MIN: all that is taken, the reader's own
                              buffers and 50 kB of structs apart */
     const char *temp_dir; /* outlives the mesh */
+    mn_watch watch;       /* of what comes after reading; zero: nobody */
     bool keep;            /* triangles, and vertices once they are quantised, are kept spills */
 } mni_extmesh_desc;
 

@@ -85,6 +85,8 @@ static bool take_map(mni_extintake *x) {
 
 static bool sort_vertex(mni_extintake *x, mni_sort *sort, double scale, const double p[3],
                         uint32_t rgba, uint64_t number) {
+    if (!mni_ext_tell_vertices(x, number))
+        return false;
     if (isnan(p[0]))
         return map_vertex(x, (uint32_t)number, MN_NONE);
     entry e = {.cell = cell_of(x, scale, p), .number = (uint32_t)number, .rgba = rgba};
@@ -143,10 +145,11 @@ static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
     size_t bytes = mni_ext_is_wide(x) ? WIDE_BYTES : NARROW_BYTES, at = offsetof(entry, at);
     entry same[SAME_KEY_MAX], e; /* places of this cell and hash, the last ones */
     uint32_t count = 0;
+    uint64_t done = x->vertices;
     const void *record;
     mni_spill_writer w;
     mni_spill_writer_open(&w, &x->placed, x->buffer[1], x->buffer_bytes);
-    while ((record = mni_sort_next(sort, x->st)) != NULL) {
+    while ((record = mni_sort_next(sort, x->st)) != NULL && mni_ext_tell_vertices(x, done++)) {
         memcpy(&e, record, bytes);
         if (count > 0 && (same[0].cell != e.cell || same[0].hash != e.hash))
             count = 0;
@@ -249,8 +252,11 @@ static bool in_sequence(mni_extintake *x) {
         if (found == NULL)
             return mni_ext_spill_good(x, &x->bucket[*k].spill);
         place[i % 3] = *found;
-        if (i % 3 == 2)
-            mni_ext_judge(x, place, (uint32_t)(i / 3));
+        if (i % 3 < 2)
+            continue;
+        if (!mni_ext_tell_triangles(x, i / 3))
+            return false;
+        mni_ext_judge(x, place, (uint32_t)(i / 3));
     }
     return true;
 }
@@ -276,6 +282,8 @@ static bool triangles_by_map(mni_extintake *x) {
     mni_spill_reader_open(&r, &b->spill, 0, b->pairs, x->buffer[0], x->buffer_bytes, true);
     for (uint32_t t = 0; (corner = mni_spill_take(&r, 3 * sizeof *corner)) != NULL; t++) {
         const uint32_t place[3] = {x->map[corner[0]], x->map[corner[1]], x->map[corner[2]]};
+        if (!mni_ext_tell_triangles(x, t))
+            return false;
         mni_ext_judge(x, place, t);
     }
     return mni_ext_spill_good(x, &b->spill);
@@ -299,6 +307,8 @@ static bool triangles_of_soup(mni_extintake *x) {
     for (uint64_t t = 0; t < x->triangles; t++) {
         uint64_t at = 3 * t % x->window;
         if (at == 0 && !whole && !load_map(x, &x->bucket[3 * t / x->window]))
+            return false;
+        if (!mni_ext_tell_triangles(x, t))
             return false;
         mni_ext_judge(x, x->map + at, (uint32_t)t);
     }

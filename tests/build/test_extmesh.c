@@ -362,6 +362,48 @@ START_TEST(full_disks) {
 }
 END_TEST
 
+/* Asks for an end at the n-th time that it is told how far the work is. */
+typedef struct impatience {
+    int left;
+    char phases[64]; /* the first letter of each that told */
+} impatience;
+
+static bool ask(void *context, const char *phase, uint64_t done, uint64_t total) {
+    impatience *i = context;
+    const size_t length = strlen(i->phases);
+    ck_assert_uint_le(done, total);
+    if (length == 0 || i->phases[length - 1] != phase[0])
+        i->phases[length] = phase[0];
+    return i->left-- > 0;
+}
+
+START_TEST(interrupted) {
+    const mn_make_desc make = {.shape = MN_SHAPE_SPHERE, .triangles = 200000};
+    mn_status st = {0};
+    mn_code code = MN_FAILED;
+    int times = 0;
+    ck_assert_int_eq(mn_make(path, &make, &st), MN_OK);
+    for (; code != MN_OK; times++) {
+        impatience i = {.left = times};
+        const mni_extmesh_desc desc = {
+            .work_bytes = 1 << 20, .temp_dir = folder, .watch = {ask, &i}};
+        mni_extmesh x;
+        st = (mn_status){0};
+        code = mni_extmesh_read(path, NULL, &desc, &x, &st);
+        if (code == MN_OK)
+            code = mni_extmesh_quantise(&x, 0, &desc, &st);
+        if (code != MN_OK) {
+            ck_assert_int_eq(code, MN_FAILED);
+            ck_assert_str_eq(st.text, "interrupted");
+        } else {
+            ck_assert_str_eq(i.phases, "ncg"); /* each tells, in its turn */
+        }
+        mni_extmesh_close(&x);
+    }
+    ck_assert_int_gt(times, 8);
+}
+END_TEST
+
 START_TEST(no_folder) {
     const mni_extmesh_desc desc = {.work_bytes = 1 << 20, .temp_dir = "/nowhere/at/all"};
     mn_status st = {0};
@@ -390,6 +432,7 @@ int main(void) {
     tcase_add_loop_test(tc, made_models, 0, 3);
     tcase_add_test(tc, kept_files_are_the_meshs);
     tcase_add_test(tc, full_disks);
+    tcase_add_test(tc, interrupted);
     tcase_add_test(tc, no_folder);
     suite_add_tcase(suite, tc);
     const int failed = suite_run(suite);
