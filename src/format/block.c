@@ -356,79 +356,145 @@ bool mni_facts_equal(const mni_facts *a, const mni_facts *b) {
 /* ---- simplices ------------------------------------------------------------------------------ */
 
 /* The simplex at bit `at`; edges: from FIELD_TURN on. Turn and first number have 33 bits at most.
- * Returns what says where the third corner is. */
-static inline uint32_t get_corners(const uint8_t *edges, const uint8_t *rows, uint64_t at,
-                                   uint32_t lo, uint32_t mid, uint32_t corner[2]) {
+ */
+static inline void get_simplex_long(const uint8_t *edges, const uint8_t *rows, uint64_t at,
+                                    mni_simplex_row *out, uint32_t *turn) {
     uint16_t edge[FIELD_SIMPLEX_END + 1 - FIELD_TURN];
     memcpy(edge, edges, sizeof edge);
     uint64_t word = mni_bits_at(rows, at);
-    uint32_t turn = word & 1;
-    uint32_t a = (uint32_t)(word >> 1 & ((UINT64_C(1) << (edge[2] - 1)) - 1));
-    uint64_t rest = edge[3] <= 57 ? word >> edge[2] : mni_bits_at(rows, at + edge[2]);
-    uint32_t b = (uint32_t)(rest & ((UINT64_C(1) << (edge[3] - edge[2])) - 1));
-    corner[0] = turn ? mid + b : lo + a;
-    corner[1] = turn ? lo + a : mid + b;
-    return mni_bits_get(rows, at + edge[3], (uint32_t)(edge[4] - edge[3]));
+    *turn = word & 1;
+    out->a = low_bits(word >> 1, edge[2] - 1u);
+    word = edge[3] <= WORD ? word >> edge[2] : mni_bits_at(rows, at + edge[2]);
+    out->b = low_bits(word, (uint32_t)(edge[3] - edge[2]));
+    out->third = mni_bits_get(rows, at + edge[3], (uint32_t)(edge[4] - edge[3]));
 }
 
-/* Where simplex i of a node stands. */
-static inline uint64_t simplex_at(const mni_block *view, const mni_node *node, uint32_t i,
-                                  const uint8_t **rows) {
-    MN_ASSERT(i < node->simplex_count);
-    if (i < MNI_INLINE) {
-        *rows = view->node_rows;
-        return (uint64_t)node->row * view->node_bits + mni_edge(view->edge, FIELD_NODE_END) +
-               (uint64_t)i * view->simplex_bits;
-    }
-    *rows = view->more_rows;
-    return (uint64_t)(node->more + i - MNI_INLINE) * view->simplex_bits;
-}
-
-/* First two corners, and what stands in the place of the third. */
-static inline uint32_t get_simplex(const mni_block *view, const mni_node *node, uint32_t i,
-                                   uint32_t corner[2]) {
-    const uint8_t *rows;
-    uint64_t at = simplex_at(view, node, i, &rows);
-    return get_corners(view->edge + 2 * (size_t)FIELD_TURN, rows, at, node->at.leaf_lo,
-                       node->leaf_mid, corner);
-}
-
-SHORT static uint32_t get_simplex_short(const mni_block *view, const mni_node *node, uint32_t i,
-                                        uint32_t corner[2]) {
-    const uint8_t *rows;
-    uint64_t at = simplex_at(view, node, i, &rows), word = mni_bits_at(rows, at);
-    uint32_t turned = 0 - (uint32_t)(word & 1);
+SHORT_INLINE void get_simplex_short(const mni_block *view, const uint8_t *rows, uint64_t at,
+                                    mni_simplex_row *out, uint32_t *turn) {
+    uint64_t word = mni_bits_at(rows, at);
+    *turn = word & 1;
     word >>= 1;
-    uint32_t a = node->at.leaf_lo + low_bits(word, view->a_bits);
+    out->a = low_bits(word, view->a_bits);
     word >>= view->a_bits;
-    uint32_t b = node->leaf_mid + low_bits(word, view->b_bits);
-    uint32_t swap = (a ^ b) & turned;
+    out->b = low_bits(word, view->b_bits);
+    out->third = low_bits(word >> view->b_bits, view->third_bits);
+}
+
+/* Where the simplices of a node's own row stand. */
+static inline uint64_t inline_at(const mni_block *view, uint32_t node) {
+    return (uint64_t)node * view->node_bits + mni_edge(view->edge, FIELD_NODE_END);
+}
+
+static inline void corners_of(const mni_simplex_row *row, uint32_t turn, uint32_t third,
+                              uint32_t lo, uint32_t mid, uint32_t hi, uint32_t corner[3]) {
+    uint32_t a = lo + row->a, b = mid + row->b, swap = (a ^ b) & (0 - turn);
     corner[0] = a ^ swap;
     corner[1] = b ^ swap;
-    return low_bits(word >> view->b_bits, view->third_bits);
+    corner[2] = mni_third_of(third, lo, hi);
 }
 
-uint32_t mni_block_third(const mni_block *view, const mni_node *node, uint32_t i) {
-    uint32_t corner[2];
-    return get_simplex(view, node, i, corner);
+SHORT static uint32_t simplex_row_short(const mni_block *view, const uint8_t *rows, uint64_t at,
+                                        mni_simplex_row *row) {
+    uint32_t turn;
+    get_simplex_short(view, rows, at, row, &turn);
+    return turn;
+}
+
+/* Returns whether the corner in the right child comes first. */
+static inline uint32_t simplex_row(const mni_block *view, const uint8_t *rows, uint64_t at,
+                                   mni_simplex_row *row) {
+    uint32_t turn;
+    if (view->is_short)
+        return simplex_row_short(view, rows, at, row);
+    get_simplex_long(view->edge + 2 * (size_t)FIELD_TURN, rows, at, row, &turn);
+    return turn;
+}
+
+void mni_block_more_row(const mni_block *view, uint32_t more, mni_simplex_row *out) {
+    simplex_row(view, view->more_rows, (uint64_t)more * view->simplex_bits, out);
 }
 
 void mni_block_simplex(const mni_block *view, const mni_node *node, uint32_t i,
                        uint32_t corner[3]) {
-    uint32_t third = view->is_short ? get_simplex_short(view, node, i, corner)
-                                    : get_simplex(view, node, i, corner);
+    MN_ASSERT(i < node->simplex_count);
+    const uint8_t *rows = i < MNI_INLINE ? view->node_rows : view->more_rows;
+    uint64_t at = i < MNI_INLINE ? inline_at(view, node->row) + (uint64_t)i * view->simplex_bits
+                                 : (uint64_t)(node->more + i - MNI_INLINE) * view->simplex_bits;
+    mni_simplex_row row;
+    uint32_t turn = simplex_row(view, rows, at, &row), third = row.third;
     if (third >= view->near)
-        third = mni_bits_get(view->far_rows, (uint64_t)(third - view->near) * view->far_bits,
-                             view->far_bits);
-    corner[2] = mni_third_of(third, node->at.leaf_lo, node->at.leaf_hi);
+        third = mni_block_far(view, third - view->near);
+    corners_of(&row, turn, third, node->at.leaf_lo, node->leaf_mid, node->at.leaf_hi, corner);
 }
 
 void mni_overflow_simplex(const mni_overflow *view, uint32_t simplex, uint32_t corner[3]) {
     MN_ASSERT(simplex < view->simplices);
     uint64_t bits = mni_edge(view->edge, FIELD_SIMPLEX_END - FIELD_TURN);
-    uint32_t third =
-        get_corners(view->edge, view->rows, simplex * bits, view->leaf_lo, view->leaf_mid, corner);
-    corner[2] = mni_third_of(third, view->leaf_lo, view->leaf_hi);
+    mni_simplex_row row;
+    uint32_t turn;
+    get_simplex_long(view->edge, view->rows, simplex * bits, &row, &turn);
+    corners_of(&row, turn, row.third, view->leaf_lo, view->leaf_mid, view->leaf_hi, corner);
+}
+
+/* ---- rows, for the checker ------------------------------------------------------------------ */
+
+SHORT static void row_short(const mni_block *view, uint64_t row, mni_row *out) {
+    get_facts_short(view, view->node_rows, row, &out->facts);
+    uint64_t place = mni_bits_at(view->node_rows, row + view->place_at), way = 0;
+    out->left = low_bits(place, view->left_bits);
+    place >>= view->left_bits;
+    for (uint32_t i = 0; i < 3; i++) {
+        uint32_t steps = low_bits(place, view->delta_bits[i]) + view->delta_base[i];
+        out->delta[i] = (float)(int32_t)steps * view->step;
+        place >>= view->delta_bits[i];
+    }
+    if (view->exits > 0)
+        way = mni_bits_at(view->node_rows, row + view->way_at);
+    out->exits = way & 3;
+    out->right = low_bits(way >> 2, view->right_bits);
+    out->exit = low_bits(way >> 2 >> view->right_bits, view->exit_bits_of);
+    row += view->simplex_at;
+    for (uint32_t i = 0; i < MNI_INLINE; i++, row += view->simplex_bits) {
+        uint32_t turn;
+        get_simplex_short(view, view->node_rows, row, &out->simplex[i], &turn);
+    }
+}
+
+static void row_long(const mni_block *view, uint64_t row, mni_row *out) {
+    uint32_t place[4], way[3] = {0};
+    get_facts_long(view, view->node_rows, row, &out->facts);
+    get_place(view, row, place);
+    out->left = place[0];
+    for (uint32_t i = 0; i < 3; i++) {
+        uint32_t steps = place[i + 1] + mni_base(view->base, BASE_DELTA + i) - MNI_BIAS;
+        out->delta[i] = (float)(int32_t)steps * view->step;
+    }
+    if (view->exits > 0)
+        get_some(view->edge, view->node_rows, row, FIELD_EXITS, way, 3);
+    out->exits = way[0];
+    out->right = way[1];
+    out->exit = way[2];
+    row += mni_edge(view->edge, FIELD_NODE_END);
+    for (uint32_t i = 0; i < MNI_INLINE; i++, row += view->simplex_bits)
+        simplex_row(view, view->node_rows, row, &out->simplex[i]);
+}
+
+void mni_block_row(const mni_block *view, uint32_t node, mni_row *out) {
+    const uint64_t row = (uint64_t)node * view->node_bits;
+    out->overflow = out->lack = out->more = 0;
+    if (view->has_rest) {
+        out->overflow = get(view->edge, view->node_rows, row, FIELD_OVERFLOW);
+        out->lack = get(view->edge, view->node_rows, row, FIELD_LACK);
+        out->more = get(view->edge, view->node_rows, row, FIELD_MORE);
+    }
+    if (view->is_short)
+        row_short(view, row, out);
+    else
+        row_long(view, row, out);
+}
+
+uint32_t mni_block_more_after(const mni_block *view, uint32_t node) {
+    return get(view->edge, view->node_rows, (uint64_t)(node + 1) * view->node_bits, FIELD_MORE);
 }
 
 /* ---- all of a block ------------------------------------------------------------------------- */

@@ -16,8 +16,8 @@
 /* A node that must come, and what is known of it from above. */
 typedef struct expected {
     uint32_t node, lo, hi, depth;
-    mni_facts parent;
-    double reach; /* from the parent's position to this node's */
+    mni_facts parent; /* but for its cone */
+    double reach;     /* from the parent's position to this node's */
 } expected;
 
 typedef struct checker {
@@ -25,10 +25,10 @@ typedef struct checker {
     const mni_block_limits *limits;
     uint32_t refs;
     uint32_t next_node, next_exit, next_more, next_far;
-    uint32_t waiting;
-    expected stack[MNI_BLOCK_DEPTH_MAX + 2];
     char *why;
     uint32_t why_bytes;
+    uint32_t waiting; /* right children on the stack; the left one is next */
+    expected stack[MNI_BLOCK_DEPTH_MAX + 2];
 } checker;
 
 __attribute__((format(printf, 3, 4))) static bool fail(char *why, uint32_t why_bytes,
@@ -58,8 +58,11 @@ bool mni_sphere_encloses(const float position[3], float radius, const float chil
     return sphere_holds(radius, sqrt(square), child_radius);
 }
 
-static bool bound_ok(float value) {
-    return isfinite(value) && !signbit(value);
+/* Finite, not negative, and not above one that is neither negative: then floats compare as their
+ * bits do. */
+static bool bound_ok(float value, float above) {
+    uint32_t bits = mni_float_bits(value);
+    return (bits < mni_float_bits(INFINITY)) & (bits <= mni_float_bits(above));
 }
 
 /* Corners of a simplex killed by a node [lo, mid, hi). */
@@ -75,121 +78,140 @@ static bool simplex_ok(const uint32_t corner[3], uint32_t lo, uint32_t mid, uint
     return in_left == 1 && in_right == 1 && outside == 1;
 }
 
-/* Do a node's facts nest in its parent's, that far off? */
-static bool facts_ok(const checker *c, const mni_facts *facts, const mni_facts *parent,
-                     double reach) {
-    return facts->order >= c->limits->leaves && facts->order < c->limits->nodes &&
-           facts->order < parent->order && bound_ok(facts->switch_value) &&
-           facts->switch_value <= parent->switch_value && bound_ok(facts->radius) &&
+/* Do a node's facts nest in its parent's? Whoever is sound fails nowhere: so one question. */
+static inline bool facts_ok(const checker *c, const mni_facts *facts, const mni_facts *parent,
+                            double reach) {
+    return (facts->order - c->limits->leaves < c->limits->nodes - c->limits->leaves) &
+           (facts->order < parent->order) & bound_ok(facts->switch_value, parent->switch_value) &
+           bound_ok(facts->radius, parent->radius) &
            sphere_holds(parent->radius, reach, facts->radius);
 }
 
-static bool check_child(checker *c, const expected *from, const mni_node *node,
-                        const mni_child *child, double reach) {
-    bool is_left = child == &node->left;
-    uint32_t lo = is_left ? from->lo : node->leaf_mid;
-    uint32_t hi = is_left ? node->leaf_mid : from->hi;
-    if ((child->kind == MNI_CHILD_LEAF) != (hi - lo == 1))
-        return FAIL(c, "node %u: an exit to a leaf", from->node);
-    if (child->kind == MNI_CHILD_SUBTREE) {
-        c->next_exit++;
-        if (child->ref >= c->refs)
-            return FAIL(c, "node %u: child in reference %u of %u", from->node, child->ref, c->refs);
-        if (!facts_ok(c, &child->facts, &node->facts, reach))
-            return FAIL(c, "node %u: what it says of its child %u does not nest", from->node,
-                        child->facts.order);
-    }
-    if (child->kind == MNI_CHILD_INNER) {
-        if (from->depth + 1 >= MNI_BLOCK_DEPTH_MAX)
-            return FAIL(c, "node %u: deeper than %d levels", from->node, MNI_BLOCK_DEPTH_MAX);
-        c->stack[c->waiting++] =
-            (expected){child->node, lo, hi, from->depth + 1, node->facts, reach};
-    }
-    return true;
-}
-
-static bool check_simplices(checker *c, const expected *from, const mni_node *node) {
-    uint32_t more = node->simplex_count > MNI_INLINE ? node->simplex_count - MNI_INLINE : 0;
-    c->next_more += more;
-    for (uint32_t i = 0; i < node->simplex_count; i++) {
-        uint32_t corner[3], third = mni_block_third(c->view, node, i);
-        if (third >= c->view->near) {
-            if (third - c->view->near != c->next_far || c->next_far == c->view->far)
-                return FAIL(c, "node %u: simplex %u: its third corner is in no far row", from->node,
-                            i);
-            c->next_far++;
-        }
-        mni_block_simplex(c->view, node, i, corner);
-        if (!simplex_ok(corner, from->lo, node->leaf_mid, from->hi, c->limits->leaves))
-            return FAIL(c, "node %u: simplex %u (%u %u %u) is not killed there", from->node, i,
-                        corner[0], corner[1], corner[2]);
-    }
-    return true;
-}
-
-static uint32_t field(const mni_block *v, uint32_t node, uint32_t f) {
-    uint32_t from = mni_edge(v->edge, f);
-    return mni_bits_get(v->node_rows, (uint64_t)node * v->node_bits + from,
-                        mni_edge(v->edge, f + 1) - from);
-}
-
-/* What must be right before the decoder may read the node. */
-static bool check_row(const checker *c, const expected *from) {
+/* Simplices of a node: a corner in each child, the third outside, far rows in their turn. Corners
+ * are numbers that count from the ends of intervals, so all is said by how large these are; and on
+ * which side, or whether far, nobody can guess. */
+static bool check_simplices(checker *c, const expected *from, uint32_t mid, const mni_row *row,
+                            uint32_t count) {
     const mni_block *view = c->view;
-    uint32_t node = from->node, below = view->nodes - node;
-    uint32_t left_leaves = field(view, node, FIELD_LEFT) + 1, distance = left_leaves;
-    if (left_leaves == 0 || left_leaves >= from->hi - from->lo)
-        return FAIL(c, "node %u: %u of %u leaves on its left", node, left_leaves,
-                    from->hi - from->lo);
-    uint32_t exits = field(view, node, FIELD_EXITS);
-    if (view->exits > 0)
-        distance = field(view, node, FIELD_RIGHT);
-    if (field(view, node, FIELD_EXIT) != c->next_exit ||
-        (exits & 1) + (exits >> 1) > view->exits - c->next_exit)
+    for (uint32_t i = 0; i < count; i++) {
+        mni_simplex_row simplex;
+        if (i < MNI_INLINE)
+            simplex = row->simplex[i];
+        else
+            mni_block_more_row(view, row->more + i - MNI_INLINE, &simplex);
+        uint32_t is_far = simplex.third >= view->near, third = simplex.third;
+        uint32_t far = mni_block_far(view, c->next_far);
+        third ^= (third ^ far) & (0 - is_far);
+        if (is_far & ((simplex.third - view->near != c->next_far) | (c->next_far == view->far)))
+            return FAIL(c, "node %u: simplex %u: its third corner is in no far row", from->node, i);
+        c->next_far += is_far;
+        uint32_t below = from->lo, above = c->limits->leaves - from->hi;
+        uint32_t room = below ^ ((below ^ above) & (0 - (third & 1)));
+        if ((simplex.a >= mid - from->lo) | (simplex.b >= from->hi - mid) | (third >> 1 > room))
+            return FAIL(c, "node %u: simplex %u (%u %u %u) is not killed there", from->node, i,
+                        from->lo + simplex.a, mid + simplex.b,
+                        mni_third_of(third, from->lo, from->hi));
+    }
+    return true;
+}
+
+/* What must be right before anything that the row leads to may be read; *count: its simplices. */
+static bool check_row(checker *c, const expected *from, const mni_row *row, uint32_t *count) {
+    const mni_block *view = c->view;
+    uint32_t node = from->node, below = view->nodes - node, leaves = from->hi - from->lo;
+    uint32_t left = row->left + 1, distance = view->exits > 0 ? row->right : left;
+    if (left == 0 || left >= leaves)
+        return FAIL(c, "node %u: %u of %u leaves on its left", node, left, leaves);
+    if (row->exit != c->next_exit ||
+        (row->exits & 1) + (row->exits >> 1) > view->exits - c->next_exit)
         return FAIL(c, "node %u: exits in a wrong place", node);
-    /* a child's facts are read with the node */
-    if ((left_leaves > 1 && (exits & 1) == 0 && below < 2) ||
-        (from->hi - from->lo - left_leaves > 1 && (exits & 2) == 0 &&
-         (distance == 0 || distance >= below)))
+    bool left_is_inner = (left > 1) & ~row->exits, right_is_inner = leaves - left > 1;
+    right_is_inner &= ~row->exits >> 1;
+    if ((left_is_inner & (below < 2)) | (right_is_inner & (distance - 1 >= below - 1)))
         return FAIL(c, "node %u: a child beyond the last node", node);
-    uint32_t lack = field(view, node, FIELD_LACK), more = field(view, node, FIELD_MORE);
-    uint32_t more_end = below > 1 ? field(view, node + 1, FIELD_MORE) : view->more;
-    if (lack > MNI_INLINE || more != c->next_more || more_end < more || more_end > view->more ||
-        (lack > 0 && more_end > more))
+    uint32_t more_end = 0;
+    if (view->has_rest)
+        more_end = below > 1 ? mni_block_more_after(view, node) : view->more;
+    if (row->lack > MNI_INLINE || row->more != c->next_more || more_end < row->more ||
+        more_end > view->more || (row->lack > 0 && more_end > row->more))
         return FAIL(c, "node %u: its simplices do not follow the last node's", node);
+    *count = MNI_INLINE - row->lack + (more_end - row->more);
+    c->next_more = more_end;
+    return true;
+}
+
+/* A child that is an exit. */
+static bool check_exit(checker *c, uint32_t leaves, const mni_facts *parent, double reach) {
+    mni_child child;
+    mni_block_exit(c->view, c->next_exit++, &child);
+    if (leaves == 1)
+        return FAIL(c, "node %u: an exit to a leaf", c->next_node - 1);
+    if (child.ref >= c->refs)
+        return FAIL(c, "node %u: child in reference %u of %u", c->next_node - 1, child.ref,
+                    c->refs);
+    if (!facts_ok(c, &child.facts, parent, reach))
+        return FAIL(c, "node %u: what it says of its child %u does not nest", c->next_node - 1,
+                    child.facts.order);
+    return true;
+}
+
+/* It is to come, if it is inner: whether it is nobody can guess. Field by field: it is read so. */
+static inline void push(checker *c, expected to, bool is_inner) {
+    expected *at = &c->stack[c->waiting];
+    at->node = to.node;
+    at->lo = to.lo;
+    at->hi = to.hi;
+    at->depth = to.depth;
+    at->parent.order = to.parent.order;
+    at->parent.switch_value = to.parent.switch_value;
+    at->parent.radius = to.parent.radius;
+    at->reach = to.reach;
+    c->waiting += is_inner;
+}
+
+/* Both children: exits are checked, inner ones are to come, the left one first. */
+static bool check_children(checker *c, const expected *from, uint32_t mid, const mni_row *row,
+                           double reach) {
+    uint32_t node = from->node, lo = from->lo, hi = from->hi, depth = from->depth + 1;
+    uint32_t exits = row->exits, distance = c->view->exits > 0 ? row->right : mid - lo;
+    if (exits != 0 && (((exits & 1) != 0 && !check_exit(c, mid - lo, &row->facts, 0)) ||
+                       ((exits & 2) != 0 && !check_exit(c, hi - mid, &row->facts, reach))))
+        return false;
+    push(c, (expected){node + distance, mid, hi, depth, row->facts, reach},
+         (hi - mid > 1) & ~exits >> 1);
+    push(c, (expected){node + 1, lo, mid, depth, row->facts, 0}, (mid - lo > 1) & ~exits);
     return true;
 }
 
 static bool check_node(checker *c, const expected *from) {
     if (from->node != c->next_node || from->node >= c->view->nodes)
         return FAIL(c, "node %u is not where its parent says (%u)", c->next_node, from->node);
-    if (!check_row(c, from))
+    if (from->depth >= MNI_BLOCK_DEPTH_MAX)
+        return FAIL(c, "node %u: deeper than %d levels", from->node, MNI_BLOCK_DEPTH_MAX);
+    mni_row row;
+    uint32_t count = 0;
+    mni_block_row(c->view, from->node, &row);
+    if (!check_row(c, from, &row, &count))
         return false;
     c->next_node++;
-    mni_node node;
-    const mni_place at = {from->lo, from->hi, {0, 0, 0}};
-    mni_block_node(c->view, from->node, &at, &node);
-    double square = 0;
-    for (int i = 0; i < 3; i++) {
-        square += (double)node.right_position[i] * node.right_position[i];
-        if (!(fabs((double)node.right_position[i]) <= MNI_GRID_STEPS_MAX * (double)c->view->step))
-            return FAIL(c, "node %u: leaf %u is %g away", from->node, node.leaf_mid,
-                        (double)node.right_position[i]);
-    }
-    if (!facts_ok(c, &node.facts, &from->parent, from->reach))
+    const uint32_t mid = from->lo + row.left + 1;
+    const double far = MNI_GRID_STEPS_MAX * (double)c->view->step;
+    const float *d = row.delta;
+    double square = (double)d[0] * d[0] + (double)d[1] * d[1] + (double)d[2] * d[2];
+    for (int i = 0; i < 3; i++)
+        if (!(fabs((double)d[i]) <= far))
+            return FAIL(c, "node %u: leaf %u is %g away", from->node, mid, (double)d[i]);
+    if (!facts_ok(c, &row.facts, &from->parent, from->reach))
         return FAIL(c, "node %u: order id %u, switch value %g or radius %g does not nest",
-                    from->node, node.facts.order, node.facts.switch_value, node.facts.radius);
+                    from->node, row.facts.order, row.facts.switch_value, row.facts.radius);
     double reach = sqrt(square);
-    if (!sphere_holds(node.facts.radius, reach, 0))
+    if (!sphere_holds(row.facts.radius, reach, 0))
         return FAIL(c, "node %u: its sphere (radius %g) does not hold leaf %u", from->node,
-                    node.facts.radius, node.leaf_mid);
-    if (node.overflow_ref != MN_NONE && node.overflow_ref >= c->refs)
-        return FAIL(c, "node %u: overflow in reference %u of %u", from->node, node.overflow_ref,
+                    row.facts.radius, mid);
+    if (row.overflow > c->refs)
+        return FAIL(c, "node %u: overflow in reference %u of %u", from->node, row.overflow - 1,
                     c->refs);
-    return check_simplices(c, from, &node) &&
-           /* the right one first: the left one, on top, comes next */
-           check_child(c, from, &node, &node.right, reach) &&
-           check_child(c, from, &node, &node.left, 0);
+    return check_simplices(c, from, mid, &row, count) && check_children(c, from, mid, &row, reach);
 }
 
 static bool check_subtree(checker *c, uint32_t index) {
@@ -198,12 +220,13 @@ static bool check_subtree(checker *c, uint32_t index) {
     if (s.leaf_lo >= s.leaf_hi || s.leaf_hi > c->limits->leaves || s.leaf_hi - s.leaf_lo < 2)
         return FAIL(c, "subtree %u: leaves [%u, %u)", index, s.leaf_lo, s.leaf_hi);
     /* whether it nests is said by the parent's block, which repeats its facts */
-    const mni_facts any = {MN_NONE, INFINITY, INFINITY, {{0}, 0}};
-    c->waiting = 0;
-    c->stack[c->waiting++] = (expected){s.node, s.leaf_lo, s.leaf_hi, 0, any, 0};
+    c->waiting = 1;
+    c->stack[0] = (expected){.node = s.node,
+                             .lo = s.leaf_lo,
+                             .hi = s.leaf_hi,
+                             .parent = {MN_NONE, INFINITY, INFINITY, {{0}, 0}}};
     while (c->waiting > 0) {
-        expected from = c->stack[--c->waiting];
-        if (!check_node(c, &from))
+        if (!check_node(c, &c->stack[--c->waiting]))
             return false;
     }
     return true;
@@ -332,8 +355,13 @@ bool mni_block_open(mni_block *view, const void *bytes, uint32_t length_bytes,
         return fail(why, why_bytes, "not a meta-node (kind %u)", frame.kind);
     if (!check_layout(view, payload, room, used, limits, why, why_bytes))
         return false;
-    checker c = {
-        .view = view, .limits = limits, .refs = frame.refs, .why = why, .why_bytes = why_bytes};
+    checker c; /* its stack need not be zero */
+    c.view = view;
+    c.limits = limits;
+    c.refs = frame.refs;
+    c.next_node = c.next_exit = c.next_more = c.next_far = 0;
+    c.why = why;
+    c.why_bytes = why_bytes;
     for (uint32_t i = 0; i < view->subtrees; i++)
         if (!check_subtree(&c, i))
             return false;

@@ -169,8 +169,31 @@ static inline uint32_t mni_third_of(uint32_t code, uint32_t lo, uint32_t hi) {
     return distance == 0 ? MN_NONE : corner;
 }
 
-/* What stands in a simplex's field for its third corner, for the checker. */
-uint32_t mni_block_third(const mni_block *view, const mni_node *node, uint32_t i);
+/* A simplex: its corners in the children, from leaf_lo and from leaf_mid on, and FIELD_THIRD. */
+typedef struct mni_simplex_row {
+    uint32_t a, b, third;
+} mni_simplex_row;
+
+/* What stands in a node's row, bases added; for the checker, who must not follow it anywhere before
+ * it is known to lead into the block. */
+typedef struct mni_row {
+    mni_facts facts;
+    uint32_t left;                 /* FIELD_LEFT … */
+    float delta[3];                /* to the right child */
+    uint32_t exits, right, exit;   /* 0 in a block without exits */
+    uint32_t overflow, lack, more; /* 0 where has_rest is not set */
+    mni_simplex_row simplex[MNI_INLINE];
+} mni_row;
+void mni_block_row(const mni_block *view, uint32_t node, mni_row *out);
+/* FIELD_MORE of the node after it, which there is. */
+uint32_t mni_block_more_after(const mni_block *view, uint32_t node);
+/* Simplex row `more` of those that are not in their node's. */
+void mni_block_more_row(const mni_block *view, uint32_t more, mni_simplex_row *out);
+/* The code of a third corner that stands in far row `far`; past the last row, nothing of meaning.
+ */
+static inline uint32_t mni_block_far(const mni_block *view, uint32_t far) {
+    return mni_bits_get(view->far_rows, (uint64_t)far * view->far_bits, view->far_bits);
+}
 
 /* Decodes the head; no checks. Returns where the rows end, counted from the payload's beginning. */
 uint64_t mni_block_layout(mni_block *view, const uint8_t *payload);

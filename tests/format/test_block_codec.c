@@ -213,6 +213,26 @@ START_TEST(bounds_of_the_file_are_respected) {
 }
 END_TEST
 
+/* Values that count from more than the format's numbers can be. */
+START_TEST(bases_have_bounds) {
+    static const struct {
+        uint32_t base, most;
+    } bounds[] = {{BASE_SWITCH, 8191}, {BASE_RADIUS, 4095}, {BASE_AXIS, 255}, {BASE_ANGLE, 255}};
+    enum { LENGTH = 4096 };
+    for (size_t i = 0; i < sizeof bounds / sizeof bounds[0]; i++) {
+        unsigned char bytes[LENGTH];
+        char why[100] = "";
+        mni_block view;
+        encode_chain(bytes, LENGTH, 20);
+        unsigned char *base = bytes + mni_frame_payload_at(0) + MNI_HEAD_BASE + 4 * bounds[i].base;
+        uint32_t over = bounds[i].most + 1;
+        memcpy(base, &over, sizeof over);
+        ck_assert(!mni_block_open(&view, bytes, LENGTH, &limits, why, sizeof why));
+        ck_assert_msg(strstr(why, "count from") != NULL, "%s", why);
+    }
+}
+END_TEST
+
 /* A length that cuts the block: never sound, never read beyond (a sanitizer sees to that). */
 START_TEST(a_cut_block_is_refused) {
     enum { LENGTH = 4096 };
@@ -402,6 +422,7 @@ int main(void) {
     tcase_add_test(t, tallies_add_up);
     tcase_add_test(t, a_chain_may_be_so_deep_and_no_deeper);
     tcase_add_test(t, bounds_of_the_file_are_respected);
+    tcase_add_test(t, bases_have_bounds);
     tcase_add_test(t, a_cut_block_is_refused);
     tcase_add_loop_test(t, third_corners_near_and_far, 0, 90);
     tcase_add_test(t, the_short_way_reads_the_same);
