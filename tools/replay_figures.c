@@ -171,6 +171,7 @@ static void json_totals(json *j, const mn_session_stats *t) {
     json_u64(j, "commands_failed", t->commands_failed);
     json_u64(j, "reads", t->reads);
     json_u64(j, "read_bytes", t->read_bytes);
+    json_u64(j, "blocks_checked", t->blocks_checked);
     json_u64(j, "second_chances", t->second_chances);
     json_u64(j, "prefetches", t->prefetches);
     json_u64(j, "prefetches_given_up", t->prefetches_given_up);
@@ -186,6 +187,7 @@ static void json_totals(json *j, const mn_session_stats *t) {
     json_u64(j, "nav_lock_waits", t->nav_lock_waits);
     json_f64(j, "nav_lock_wait_us_max", 1e-3 * (double)t->nav_lock_wait_ns_max);
     json_f64(j, "io_busy_seconds", 1e-9 * (double)t->io_busy_ns);
+    json_f64(j, "io_cpu_seconds", 1e-9 * (double)t->io_cpu_ns);
     json_f64(j, "io_lock_hold_us_max", 1e-3 * (double)t->io_lock_hold_ns_max);
 }
 

@@ -152,10 +152,12 @@ typedef struct mn_session_stats {
     uint64_t reads, read_bytes, second_chances, prefetches, prefetches_given_up;
     uint64_t prefetches_loaded, prefetches_used; /* used: before their place was taken again */
     uint64_t urgent_up, urgent_down, urgent_down_refused, evictions;
+    uint64_t blocks_checked; /* of those read: others had been, with the same bytes */
     uint64_t checksum_failures, io_errors;
     uint64_t nav_lock_waits, nav_lock_wait_ns_max; /* Navigate's waits for a lock, in frames */
     uint64_t
-        io_busy_ns; /* in which reads were in flight, or their blocks looked at; 0: simulated */
+        io_busy_ns;     /* in which reads were in flight, or their blocks looked at; 0: simulated */
+    uint64_t io_cpu_ns; /* of the processor, of the I/O thread; 0: simulated */
     uint64_t io_lock_hold_ns_max; /* longest hold of the pool's by the I/O thread */
 } mn_session_stats;
 

@@ -157,7 +157,9 @@ void mni_board_tell(mni_board *board, mni_board_news *news) {
             board->open -= news->ended[kind][end];
             board->counts.ended[kind][end] += news->ended[kind][end];
         }
+    board->counts.checked += news->checked;
     board->counts.busy_ns += news->busy_ns;
+    board->counts.cpu_ns += news->cpu_ns;
     MN_ASSERT(unended(board) == board->open);
     if (board->open == 0)
         pthread_cond_signal(&board->quiet);

@@ -13,6 +13,7 @@
 #include "frame.h"
 
 enum {
+    SEEN_TIMES = 8,
     FRUITLESS_MAX = 32,     /* EAGAIN and the like in a row, before a read has failed */
     PAUSE_NS = 1000 * 1000, /* when the kernel has no room for any read */
     FIRST_READS_MAX =
@@ -21,17 +22,25 @@ enum {
 };
 #define SCOUT_URGENCY 0.25f /* of a block that is read while there are empty places */
 
-size_t mni_ioloop_need(uint32_t block_bytes_max, uint32_t look_bytes) {
+/* So many blocks for each place holder, or all there are: 64 bytes for 8 KiB. */
+static uint32_t seen_max(const mn_header *header, uint32_t k) {
+    return header->blocks / SEEN_TIMES < k ? header->blocks : SEEN_TIMES * k;
+}
+
+size_t mni_ioloop_need(const mn_header *header, uint32_t k, uint32_t look_bytes) {
+    uint32_t refs_max = mni_frame_refs_max(header->block_bytes_max);
     return mni_scouts_need() + mni_arena_need(look_bytes, 1, 64) +
-           mni_arena_need(mni_frame_refs_max(block_bytes_max), sizeof(float), _Alignof(float)) +
-           mni_arena_need(mni_frame_refs_max(block_bytes_max), sizeof(mni_notes),
-                          _Alignof(mni_notes));
+           mni_seen_need(seen_max(header, k)) +
+           mni_arena_need(refs_max, sizeof(float), _Alignof(float)) +
+           mni_arena_need(refs_max, sizeof(mni_notes), _Alignof(mni_notes));
 }
 
 void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena) {
     uint32_t k = loop->pool->holders.k;
     loop->first_reads = k / 2 < FIRST_READS_MAX ? k / 2 : FIRST_READS_MAX;
+    loop->cpu_ns = UINT64_MAX;
     mni_scouts_open(&loop->scouts, arena);
+    mni_seen_open(&loop->seen, seen_max(loop->header, k), arena);
     loop->look = mni_arena_take(arena, look_bytes, 1, 64);
     uint32_t refs_max = mni_frame_refs_max(loop->header->block_bytes_max);
     loop->urgency = mni_arena_take(arena, refs_max, sizeof(float), _Alignof(float));
@@ -40,10 +49,14 @@ void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena) {
 
 /* ---- completing ------------------------------------------------------------------------------ */
 
-static uint64_t now_ns(void) {
+static uint64_t ns_of(clockid_t clock) {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(clock, &t);
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+static uint64_t now_ns(void) {
+    return ns_of(CLOCK_MONOTONIC);
 }
 
 static void request_free(mni_ioloop *loop, mni_request *request) {
@@ -60,19 +73,28 @@ static void fail(mni_ioloop *loop, mni_request *request, bool io, const char *wh
     request_free(loop, request);
 }
 
-/* What is wrong with a block that has come, or NULL. The bytes are ours alone. */
-static const char *fault_of(const mni_ioloop *loop, const mni_load *load) {
-    mni_frame_fault fault =
-        mni_frame_check(load->bytes, load->ref, loop->header->build_id, loop->header->file_bytes);
+/* What is wrong with a block that has come, or NULL. The bytes are ours alone. What has been found
+ * sound is so whenever it comes again, whoever asks for it: but for whose child it should be. */
+static const char *fault_of(mni_ioloop *loop, const mni_load *load) {
+    const uint64_t digest = mni_seen_digest(&loop->seen, load->ref, load->bytes);
+    const bool seen = mni_seen_has(&loop->seen, load->ref, digest);
+    mni_frame_fault fault = MNI_FRAME_OK;
+    if (!seen)
+        fault = mni_frame_check(load->bytes, load->ref, loop->header->build_id,
+                                loop->header->file_bytes);
     if (fault != MNI_FRAME_OK)
         return mni_frame_fault_text(fault);
     mni_frame frame;
     mni_frame_get(load->bytes, &frame);
     if (frame.kind != MNI_FRAME_OVERFLOW && load->parent_id != frame.parent_id)
         return "it is not what its parent says it is";
+    if (seen)
+        return NULL;
+    loop->news.checked++;
     if (loop->check != NULL &&
         !loop->check(loop->check_context, load->bytes, load->ref.pages * MN_PAGE_BYTES))
         return "its contents contradict themselves";
+    mni_seen_add(&loop->seen, load->ref, digest);
     return NULL;
 }
 
@@ -90,8 +112,9 @@ static void scout_send(mni_ioloop *loop, const mni_load *load, uint32_t i, mni_c
         loop->news.ended[MNI_COMMAND_PREFETCH][MNI_END_GIVEN_UP]++;
 }
 
-/* To what the camera wants, or may soon want, below a block that has come and is still ours. Before
- * there is a camera: to the top of the tree, level by level. */
+/* To what the camera wants, and while there are empty places to what it may soon want, below a
+ * block that has come and is still ours. Before there is a camera: to the top of the tree, level by
+ * level. */
 static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command *from) {
     if (loop->rate == NULL)
         return;
@@ -99,8 +122,9 @@ static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command
     bool starts = loop->looks == 0;
     mni_frame frame;
     mni_frame_get(load->bytes, &frame);
+    const float least = load->last_empty ? 1 : SCOUT_URGENCY;
     if (!starts)
-        loop->rate(loop->rate_context, loop->look, load->bytes, &from->notes, loop->urgency,
+        loop->rate(loop->rate_context, loop->look, load->bytes, &from->notes, least, loop->urgency,
                    loop->below);
     for (uint32_t i = 0; i < frame.refs; i++) {
         if (starts && loop->first_reads > 0) {
@@ -108,7 +132,7 @@ static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command
             scout_send(loop, load, i,
                        (mni_command){.places = MNI_PLACES_EMPTY, .due = from->due + 1},
                        1 / (2.0f + (float)from->due));
-        } else if (!starts && loop->urgency[i] >= SCOUT_URGENCY) {
+        } else if (!starts && loop->urgency[i] >= least) {
             mni_places places = loop->urgency[i] < 1 ? MNI_PLACES_EMPTY : MNI_PLACES_SPARE;
             scout_send(loop, load, i, (mni_command){.places = places, .notes = loop->below[i]},
                        loop->urgency[i]);
@@ -176,13 +200,24 @@ static bool submit(mni_ioloop *loop, uint32_t tag) {
     return true;
 }
 
-static uint32_t submit_again(mni_ioloop *loop) {
-    uint32_t in_flight = 0;
-    for (uint32_t tag = 0; tag < MNI_DISK_DEPTH; tag++) {
-        if (loop->request[tag].state == MNI_REQUEST_AGAIN)
-            (void)submit(loop, tag);
+/* All that wait to be submitted, in the order of their places in the file: siblings stand side by
+ * side there, and the kernel makes one request of neighbours that come one after the other. Returns
+ * how many are in flight. */
+static uint32_t submit_all(mni_ioloop *loop) {
+    uint32_t in_flight = 0, count = 0, waiting[MNI_DISK_DEPTH];
+    for (uint32_t tag = 0; tag < MNI_DISK_DEPTH && loop->busy > 0; tag++) {
         in_flight += loop->request[tag].state == MNI_REQUEST_IN_FLIGHT;
+        if (loop->request[tag].state != MNI_REQUEST_AGAIN)
+            continue;
+        uint32_t at = count++;
+        for (;
+             at > 0 && loop->request[waiting[at - 1]].load.ref.id > loop->request[tag].load.ref.id;
+             at--)
+            waiting[at] = waiting[at - 1];
+        waiting[at] = tag;
     }
+    for (uint32_t i = 0; i < count; i++)
+        in_flight += submit(loop, waiting[i]);
     return in_flight;
 }
 
@@ -216,7 +251,6 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
             (mni_request){.state = MNI_REQUEST_AGAIN, .command = *command, .load = load};
         if (loop->busy++ == 0)
             loop->busy_since_ns = now_ns();
-        (void)submit(loop, tag); /* no room: with the next step */
         return true;
     }
     case MNI_BEGIN_RESIDENT:
@@ -245,7 +279,7 @@ static void begin_all(mni_ioloop *loop) {
 
 bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
     begin_all(loop);
-    uint32_t in_flight = loop->busy > 0 ? submit_again(loop) : 0;
+    uint32_t in_flight = submit_all(loop);
     if (wait && loop->busy > 0 && in_flight == 0) {
         struct timespec pause = {.tv_nsec = PAUSE_NS};
         (void)nanosleep(&pause, NULL);
@@ -255,8 +289,15 @@ bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
         loop->disk->method->collect(loop->disk->self, done, MNI_DISK_DEPTH, wait && in_flight > 0);
     for (uint32_t i = 0; i < count; i++)
         act(loop, &done[i]);
-    if (count > 0)
+    if (count > 0) {
         begin_all(loop); /* what has come may have scouts, or places for those that wait */
+        (void)submit_all(loop);
+    }
+    if (loop->cpu_ns != UINT64_MAX) {
+        uint64_t cpu_ns = ns_of(CLOCK_THREAD_CPUTIME_ID);
+        loop->news.cpu_ns = cpu_ns - loop->cpu_ns;
+        loop->cpu_ns = cpu_ns;
+    }
     mni_board_tell(loop->board, &loop->news);
     return loop->busy > 0 || loop->next < loop->fetched_count || loop->scouts.count > 0;
 }
@@ -266,10 +307,12 @@ bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
 static void *run(void *context) {
     mni_ioloop *loop = context;
     mni_lock_time_holds();
+    loop->cpu_ns = 0;
     do {
         while (mni_ioloop_step(loop, true)) {
         }
     } while (mni_board_wait_work(loop->board));
+    loop->cpu_ns = UINT64_MAX; /* further steps are of the thread that ends the loop */
     return NULL;
 }
 

@@ -13,6 +13,7 @@
 #include "disk.h"
 #include "pool.h"
 #include "scout.h"
+#include "seen.h"
 
 typedef enum mni_request_state {
     MNI_REQUEST_FREE = 0,  /* then IN_FLIGHT */
@@ -49,6 +50,8 @@ typedef struct mni_ioloop {
     bool stalled; /* the next one is urgent and waits for a place */
     mni_board_news news;
     uint64_t busy_since_ns; /* busy has been above 0 */
+    uint64_t cpu_ns;        /* of this thread, told so far; UINT64_MAX: it has none of its own */
+    mni_seen seen;          /* blocks that have been checked */
     mni_scouts scouts;
     uint32_t first_reads; /* that the scouts may still ask for before there is a camera */
     unsigned char *look;  /* as last seen on the board */
@@ -58,7 +61,7 @@ typedef struct mni_ioloop {
 } mni_ioloop;
 
 /* What open takes from the arena. */
-size_t mni_ioloop_need(uint32_t block_bytes_max, uint32_t look_bytes);
+size_t mni_ioloop_need(const mn_header *header, uint32_t k, uint32_t look_bytes);
 void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena);
 
 /* The fields above the line are filled in by the caller, before open. */

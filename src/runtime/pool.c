@@ -213,6 +213,7 @@ static mni_begin begin_locked(mni_pool *pool, const mni_command *command, bool m
                        .generation = holder->generation,
                        .ref = holder->ref,
                        .parent_id = holder->parent_id,
+                       .last_empty = pool->holders.count[MNI_HOLDER_EMPTY] == 0,
                        .bytes = mni_holders_bytes(&pool->holders, slot),
                        .chunk = mni_holders_chunk(&pool->holders, slot)};
     return MNI_BEGIN_READ;

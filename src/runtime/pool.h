@@ -130,6 +130,7 @@ typedef struct mni_load {
     uint32_t parent_id; /* that the block must name; MN_NONE: any */
     unsigned char *bytes;
     uint32_t chunk;
+    bool last_empty;     /* no place that no block has been in was left */
     uint32_t read_bytes; /* so far, some of it perhaps twice; I/O counts */
 } mni_load;
 /* Decides about a command: finds its block, or takes a place for it. Check and eviction are one

@@ -10,9 +10,6 @@
 #include "block.h"
 #include "frame.h"
 
-/* Exits that are further from being wanted are not worth a note. */
-#define NOTED_URGENCY 0.25f
-
 typedef struct inner {
     uint32_t node;
     mni_place at;
@@ -21,6 +18,7 @@ typedef struct inner {
 typedef struct walk {
     const mni_look *look;
     const mni_block *block;
+    float least; /* what is further from being wanted is not looked below: that is even less so */
     float *urgency;
     mni_notes *below;
     inner stack[MNI_BLOCK_DEPTH_MAX + 2]; /* right children to come: one a level */
@@ -53,9 +51,10 @@ static void child_take(walk *w, const mni_child *child, const mni_place *at) {
     if (child->kind == MNI_CHILD_SUBTREE) {
         const float urgency = urgency_of(w->look, &child->facts, at->position);
         const mni_note note = mni_rate_note(child->subtree, at->position);
+        if (urgency < w->least)
+            return;
         raise_to(&w->urgency[child->ref], urgency);
-        if (urgency >= NOTED_URGENCY)
-            mni_notes_add(&w->below[child->ref], &note);
+        mni_notes_add(&w->below[child->ref], &note);
     }
     if (child->kind == MNI_CHILD_INNER && w->depth < MNI_BLOCK_DEPTH_MAX + 2)
         w->stack[w->depth++] = (inner){child->node, *at};
@@ -64,6 +63,8 @@ static void child_take(walk *w, const mni_child *child, const mni_place *at) {
 static void node_rate(walk *w, const inner *from) {
     mni_node node;
     mni_block_node(w->block, from->node, &from->at, &node);
+    if (urgency_of(w->look, &node.facts, from->at.position) < w->least)
+        return;
     if (node.overflow_ref != MN_NONE)
         raise_to(&w->urgency[node.overflow_ref],
                  urgency_of(w->look, &node.facts, from->at.position));
@@ -89,7 +90,7 @@ static const mni_note *nearest(const mni_notes *notes, uint32_t subtree) {
 }
 
 void mni_rate_block(const void *context, const void *look, const void *bytes,
-                    const mni_notes *notes, float *urgency, mni_notes *below) {
+                    const mni_notes *notes, float least, float *urgency, mni_notes *below) {
     (void)context;
     mni_frame frame;
     mni_frame_get(bytes, &frame);
@@ -102,7 +103,7 @@ void mni_rate_block(const void *context, const void *look, const void *bytes,
         return;
     mni_block block;
     mni_block_reopen(&block, bytes);
-    walk w = {.look = look, .block = &block, .urgency = urgency, .below = below};
+    walk w = {.look = look, .block = &block, .least = least, .urgency = urgency, .below = below};
     for (uint32_t s = 0; s < block.subtrees && notes->count > 0; s++) {
         mni_subtree subtree;
         mni_block_subtree(&block, s, &subtree);

@@ -15,10 +15,10 @@ typedef struct mni_look {
 /* What a block does not say itself: where the root of one of its subtrees is. */
 mni_note mni_rate_note(uint32_t subtree, const float position[3]);
 /* urgency[i] of reference i: the largest priority, now or in a moment, over the tolerance, of the
- * nodes whose records stand in that block; below[i]: notes on it. Subtrees without notes are taken
- * for where their neighbours are; without any notes nothing is said. context: unused. The block has
- * been checked. */
+ * nodes whose records stand in that block, or 0 where that is less than `least`; below[i]: notes on
+ * it. Subtrees without notes are taken for where their neighbours are; without any notes nothing is
+ * said. context: unused. The block has been checked. */
 void mni_rate_block(const void *context, const void *look, const void *bytes,
-                    const mni_notes *notes, float *urgency, mni_notes *below);
+                    const mni_notes *notes, float least, float *urgency, mni_notes *below);
 
 #endif

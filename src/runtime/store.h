@@ -53,9 +53,11 @@ typedef bool (*mni_store_check)(const void *context, const void *bytes, uint32_t
 /* How much the camera wants each block that a block refers to, called by the thread that reads
  * (I/O); pure. look: as mni_store_look posted it last. notes: on the block, as mni_store_note or
  * this function took them. urgency, below: one a reference, and all of them are set; above 1:
- * wanted now; below 1: its share of what would make it wanted; notes on that block in turn. */
+ * wanted now; below 1: its share of what would make it wanted, or 0 where that is less than
+ * `least`; notes on that block in turn. */
 typedef void (*mni_store_rate)(const void *context, const void *look, const void *bytes,
-                               const mni_notes *notes, float *urgency, mni_notes *below);
+                               const mni_notes *notes, float least, float *urgency,
+                               mni_notes *below);
 
 typedef struct mni_store_desc {
     const char *path;

@@ -38,7 +38,7 @@ typedef struct paged {
 static size_t need_bytes(const mn_header *header, uint32_t k) {
     return mni_arena_need(1, sizeof(paged), _Alignof(paged)) + mni_pool_need(header, k) +
            mni_board_need(k, mni_pool_prefetches_max(k), MNI_LOOK_BYTES_MAX) +
-           mni_ioloop_need(header->block_bytes_max, MNI_LOOK_BYTES_MAX) + mni_disk_need();
+           mni_ioloop_need(header, k, MNI_LOOK_BYTES_MAX) + mni_disk_need();
 }
 
 static uint32_t entries_max(const mn_header *header, uint32_t k) {
@@ -316,6 +316,8 @@ static void stats(void *self, mn_session_stats *out) {
     out->checksum_failures = pool.checksum_failures;
     out->io_errors = pool.io_errors;
     out->io_lock_hold_ns_max = pool.io_lock_hold_ns_max;
+    out->blocks_checked = counts.checked;
+    out->io_cpu_ns = counts.cpu_ns;
     out->io_busy_ns = p->disk.method->own_time ? 0 : counts.busy_ns;
     out->prefetches = counts.posted[MNI_COMMAND_PREFETCH];
     out->urgent_up = counts.posted[MNI_COMMAND_URGENT_UP];

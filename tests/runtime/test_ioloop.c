@@ -1,7 +1,8 @@
 /* Goal: whatever one read does, its command ends once, its place holder comes back, and the block
  * can be had later; an undisturbed run is the same afterwards.
+ * What has been checked is not checked again while its bytes stay.
  * Method: pool, board and loop by hand on a scripted disk; the Nth completion is bent in each way,
- * for N = 1, 2, … until N is never reached. */
+ * for N = 1, 2, … until N is never reached; blocks read again and again, and changed in between. */
 #include <check.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -114,7 +115,15 @@ typedef struct machine {
     scripted script;
 } machine;
 
-static void machine_open(machine *m, bend how, uint32_t nth) {
+static uint32_t checks; /* so far */
+
+static bool counted_check(const void *context, const void *bytes, uint32_t length_bytes) {
+    checks++;
+    return made_check(context, bytes, length_bytes);
+}
+
+/* k 0: a place holder a block. */
+static void machine_open(machine *m, bend how, uint32_t nth, uint32_t k) {
     memset(m, 0, sizeof *m);
     made_desc made = {.seed = 3,
                       .blocks = 12,
@@ -123,12 +132,13 @@ static void machine_open(machine *m, bend how, uint32_t nth) {
                       .pages_max = 4,
                       .blocking = MN_BLOCKING_LEVELS};
     made_file_make(&m->file, &made);
-    mni_store_desc desc = {
-        .header = &m->file.header, .k = m->file.blocks, .prefetch = MN_PREFETCH_NEIGHBOURS};
+    mni_store_desc desc = {.header = &m->file.header,
+                           .k = k > 0 ? k : m->file.blocks,
+                           .prefetch = MN_PREFETCH_NEIGHBOURS};
     ck_assert_int_eq(mni_arena_open(&m->arena,
                                     mni_pool_need(&m->file.header, desc.k) +
                                         mni_board_need(desc.k, 64, 0) +
-                                        mni_ioloop_need(m->file.header.block_bytes_max, 0),
+                                        mni_ioloop_need(&m->file.header, desc.k, 0),
                                     NULL),
                      MN_OK);
     mni_board_open(&m->board, desc.k, 64, 0, &m->arena);
@@ -139,7 +149,7 @@ static void machine_open(machine *m, bend how, uint32_t nth) {
                            .board = &m->board,
                            .disk = &m->disk,
                            .header = &m->file.header,
-                           .check = made_check};
+                           .check = counted_check};
     mni_ioloop_open(&m->loop, 0, &m->arena);
 }
 
@@ -201,7 +211,7 @@ START_TEST(one_read_goes_wrong) {
     bool reached = true;
     for (uint32_t nth = 1; reached; nth++) {
         machine m;
-        machine_open(&m, how, nth);
+        machine_open(&m, how, nth, 0);
         uint32_t children = children_of_root(&m);
         ck_assert_uint_ge(children, 2);
         uint32_t frames = run(&m);
@@ -236,7 +246,7 @@ static uint32_t collect_eagain(void *self, mni_done *out, uint32_t max, bool wai
 START_TEST(endless_eagain_fails) {
     mni_method method = METHOD;
     machine m;
-    machine_open(&m, BEND_EIO, 0);
+    machine_open(&m, BEND_EIO, 0, 0);
     method.collect = collect_eagain;
     m.disk.method = &method;
     mni_report reports[MNI_REPORTS_MAX];
@@ -252,11 +262,70 @@ START_TEST(endless_eagain_fails) {
 }
 END_TEST
 
+/* Has each block read, one after the other; returns how many came. */
+static uint64_t read_all(machine *m) {
+    mni_board_counts before, after;
+    mni_command command[1 + 64]; /* and room for those of the ring */
+    mni_board_counts_get(&m->board, &before);
+    for (uint32_t b = 0; b < m->file.blocks; b++) {
+        const made_block *block = &m->file.block[b];
+        const uint32_t parent = block->parent == MN_NONE ? 0 : m->file.block[block->parent].ref.id;
+        mni_batch batch = {.command = command, .count = 1};
+        command[0] = (mni_command){.ref = block->ref, .parent_id = parent, .sponsor = MN_NONE};
+        ck_assert_uint_eq(mni_board_post(&m->board, &batch), 0);
+        while (mni_ioloop_step(&m->loop, false)) {
+        }
+    }
+    mni_board_counts_get(&m->board, &after);
+    ck_assert_uint_eq(after.checked, checks);
+    return after.ended[MNI_COMMAND_PREFETCH][MNI_END_LOADED] -
+           before.ended[MNI_COMMAND_PREFETCH][MNI_END_LOADED];
+}
+
+/* Turns over the last bit of a block's bytes, and seals it again: only its contents are wrong. */
+static void make_lie(const machine *m, uint32_t block) {
+    const made_block *b = &m->file.block[block];
+    unsigned char bytes[4 * MN_PAGE_BYTES];
+    const size_t length = (size_t)b->ref.pages * MN_PAGE_BYTES;
+    const off_t at = (off_t)b->ref.id * MN_PAGE_BYTES;
+    mni_frame frame;
+    int fd = open(m->file.path, O_RDWR);
+    ck_assert_int_eq(pread(fd, bytes, length, at), (ssize_t)length);
+    mni_frame_get(bytes, &frame);
+    bytes[length - 1] ^= 1;
+    mni_frame_seal(bytes, &frame, b->ref, m->file.header.build_id);
+    ck_assert_int_eq(pwrite(fd, bytes, length, at), (ssize_t)length);
+    close(fd);
+}
+
+START_TEST(seen_blocks_are_checked_once) {
+    enum { K = 5 };
+    machine m;
+    mn_session_stats stats = {0};
+    machine_open(&m, BEND_EIO, 0, K);
+    const uint32_t blocks = m.file.blocks;
+    ck_assert_uint_gt(blocks, 2 * K); /* so each has gone when it is its turn again */
+    checks = 0;
+    ck_assert_uint_eq(read_all(&m), blocks);
+    ck_assert_uint_eq(checks, blocks);
+    for (int lap = 0; lap < 3; lap++)
+        ck_assert_uint_eq(read_all(&m), blocks);
+    ck_assert_uint_lt(checks, 3 * blocks); /* few share an entry with another */
+    make_lie(&m, blocks - 1);
+    made_file_damage(&m.file, blocks - 2);
+    ck_assert_uint_eq(read_all(&m), blocks - 2);
+    mni_pool_stats(&m.pool, &stats);
+    ck_assert_uint_eq(stats.checksum_failures, 2);
+    machine_close(&m);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("ioloop");
     TCase *tests = tcase_create("ioloop");
     tcase_add_loop_test(tests, one_read_goes_wrong, 0, BENDS);
     tcase_add_test(tests, endless_eagain_fails);
+    tcase_add_test(tests, seen_blocks_are_checked_once);
     suite_add_tcase(suite, tests);
     return suite_run(suite);
 }

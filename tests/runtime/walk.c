@@ -193,7 +193,7 @@ bool made_check(const void *context, const void *bytes, uint32_t length_bytes) {
 }
 
 void made_rate(const void *context, const void *look, const void *bytes, const mni_notes *notes,
-               float *urgency, mni_notes *below) {
+               float least, float *urgency, mni_notes *below) {
     uint64_t camera;
     mni_frame frame;
     (void)context;
@@ -206,6 +206,7 @@ void made_rate(const void *context, const void *look, const void *bytes, const m
     for (uint32_t i = 0; i < frame.refs; i++) {
         mni_note note = {.word = {mni_frame_ref(bytes, i).id}};
         urgency[i] = (float)(mix(camera, note.word[0]) % 100) / 60;
+        urgency[i] = urgency[i] < least ? 0 : urgency[i];
         below[i].count = 0;
         mni_notes_add(&below[i], &note);
     }

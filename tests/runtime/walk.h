@@ -54,7 +54,7 @@ void made_file_free(made_file *file);                         /* and removes it 
 bool made_check(const void *context, const void *bytes, uint32_t length_bytes);
 /* What a camera (the look: its number) wants of a block's references, for mni_store_desc.rate. */
 void made_rate(const void *context, const void *look, const void *bytes, const mni_notes *notes,
-               float *urgency, mni_notes *below);
+               float least, float *urgency, mni_notes *below);
 
 typedef struct walker {
     made_file *file;
