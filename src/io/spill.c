@@ -68,23 +68,78 @@ static mn_code write_failed(mni_spill *spill, int error) {
                    spill->dir, strerror(error));
 }
 
-mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count) {
+static mn_code write_all(mni_spill *spill, uint64_t offset, const void *bytes, size_t count) {
     const unsigned char *from = bytes;
     while (count > 0 && spill->trouble.code == MN_OK) {
-        ssize_t put = pwrite(spill->fd, from, count, (off_t)spill->size_bytes);
+        ssize_t put = pwrite(spill->fd, from, count, (off_t)offset);
         if (put < 0 && errno == EINTR)
             continue;
         if (put <= 0)
             return write_failed(spill, put < 0 ? errno : EIO);
-        if (spill->sum != NULL)
-            XXH3_64bits_update(spill->sum, from, (size_t)put);
         from += put;
         count -= (size_t)put;
-        spill->size_bytes += (uint64_t)put;
+        offset += (uint64_t)put;
         spill->bytes_written += (uint64_t)put;
     }
     return spill->trouble.code;
 }
+
+mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count) {
+    if (write_all(spill, spill->size_bytes, bytes, count) != MN_OK)
+        return spill->trouble.code;
+    if (spill->sum != NULL)
+        XXH3_64bits_update(spill->sum, bytes, count);
+    spill->size_bytes += count;
+    return MN_OK;
+}
+
+/* ---- at any place -----------------------------------------------------------------------------
+ */
+
+mn_code mni_spill_write_at(mni_spill *spill, uint64_t offset, const void *bytes, size_t count) {
+    MN_ASSERT(spill->sum == NULL);
+    return write_all(spill, offset, bytes, count);
+}
+
+static mn_code read_failed(mni_spill *spill, ssize_t got) {
+    return mn_fail(&spill->trouble, MN_FAILED, "%s: cannot read a temporary file back: %s",
+                   spill->dir, got < 0 ? strerror(errno) : "it is shorter than what was written");
+}
+
+static mn_code read_all(mni_spill *spill, uint64_t offset, void *bytes, size_t count, bool some) {
+    unsigned char *to = bytes;
+    while (count > 0 && spill->trouble.code == MN_OK) {
+        ssize_t got = pread(spill->fd, to, count, (off_t)offset);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got == 0 && some) {
+            memset(to, 0, count);
+            break;
+        }
+        if (got <= 0)
+            return read_failed(spill, got);
+        to += got;
+        count -= (size_t)got;
+        offset += (uint64_t)got;
+        spill->bytes_read += (uint64_t)got;
+    }
+    return spill->trouble.code;
+}
+
+mn_code mni_spill_read_at(mni_spill *spill, uint64_t offset, void *bytes, size_t count) {
+    return read_all(spill, offset, bytes, count, false);
+}
+
+mn_code mni_spill_read_some(mni_spill *spill, uint64_t offset, void *bytes, size_t count) {
+    return read_all(spill, offset, bytes, count, true);
+}
+
+void mni_spill_ask(const mni_spill *spill, uint64_t offset, size_t count) {
+    (void)posix_fadvise(spill->fd, (off_t)offset, (off_t)count, POSIX_FADV_WILLNEED);
+}
+
+/* ---- writing ----------------------------------------------------------------------------------
+ */
 
 void mni_spill_put_slow(mni_spill_writer *w, const void *bytes, size_t count) {
     const unsigned char *from = bytes;
@@ -202,13 +257,10 @@ mn_code mni_spill_resume(mni_spill *spill, const char *dir, int folder, const ch
 
 /* ---- reading --------------------------------------------------------------------------------- */
 
-/* Hints: what they cannot do is not done. */
 static void ask_for(const mni_spill_reader *r) {
     uint64_t bytes = r->end - r->next;
-    if (bytes > r->buffer_bytes)
-        bytes = r->buffer_bytes;
     if (bytes > 0)
-        (void)posix_fadvise(r->spill->fd, (off_t)r->next, (off_t)bytes, POSIX_FADV_WILLNEED);
+        mni_spill_ask(r->spill, r->next, bytes < r->buffer_bytes ? (size_t)bytes : r->buffer_bytes);
 }
 
 /* Whole pages that have been taken; the one in which another piece begins stays. */
@@ -241,19 +293,9 @@ bool mni_spill_refill(mni_spill_reader *r) {
     r->filled_bytes = r->taken_bytes = 0;
     if (r->discarded != UINT64_MAX)
         discard(r, want == 0);
-    while (r->filled_bytes < want && spill->trouble.code == MN_OK) {
-        ssize_t got =
-            pread(spill->fd, r->buffer + r->filled_bytes, want - r->filled_bytes, (off_t)r->next);
-        if (got < 0 && errno == EINTR)
-            continue;
-        if (got <= 0) {
-            mn_fail(&spill->trouble, MN_FAILED, "%s: cannot read a temporary file back: %s",
-                    spill->dir, got < 0 ? strerror(errno) : "it is shorter than what was written");
-            break;
-        }
-        r->filled_bytes += (size_t)got;
-        r->next += (uint64_t)got;
-        spill->bytes_read += (uint64_t)got;
+    if (mni_spill_read_at(spill, r->next, r->buffer, want) == MN_OK) {
+        r->filled_bytes = want;
+        r->next += want;
     }
     if (spill->trouble.code != MN_OK)
         r->filled_bytes = 0;

@@ -43,6 +43,18 @@ void mni_spill_close(mni_spill *spill);
 /* Appends as it is, without a buffer. */
 mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count);
 
+/* ---- at any place: of what is used as a table --------------------------------------------------
+ */
+
+/* All of the bytes, or the spill's failure. */
+mn_code mni_spill_read_at(mni_spill *spill, uint64_t offset, void *bytes, size_t count);
+/* Those that nobody has written are zero, as they are past the end. */
+mn_code mni_spill_read_some(mni_spill *spill, uint64_t offset, void *bytes, size_t count);
+/* Over what stands there, or past the end; size_bytes stays. Not of a kept spill. */
+mn_code mni_spill_write_at(mni_spill *spill, uint64_t offset, const void *bytes, size_t count);
+/* These are going to be read: a hint. */
+void mni_spill_ask(const mni_spill *spill, uint64_t offset, size_t count);
+
 /* ---- keeping ------------------------------------------------------------------------------- */
 
 /* Of an open spill in which nothing is yet: it may be named later, and no reader discards of it.
