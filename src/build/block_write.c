@@ -452,7 +452,7 @@ static mn_code check_counts(const mn_tree *t, const mni_rows_source *source, mn_
     return MN_OK;
 }
 
-static mn_code check_desc(const mn_tree *tree, mn_block_desc *desc, mn_status *st) {
+mn_code mni_block_desc_check(const mn_tree *tree, mn_block_desc *desc, mn_status *st) {
     if (desc->l == 0)
         desc->l = 5;
     if (desc->block_bytes == 0)
@@ -487,7 +487,7 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
     memset(header, 0, sizeof *header);
     mn_code code = check_counts(head, source, &why);
     if (code == MN_OK)
-        code = check_desc(head, &checked, &why);
+        code = mni_block_desc_check(head, &checked, &why);
     if (code == MN_OK)
         code = mni_rows_open(&rows, source, cache_bytes(checked.ram_bytes), &why);
     if (code == MN_OK) {
@@ -541,7 +541,7 @@ mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_des
     mn_block_desc checked = desc != NULL ? *desc : (mn_block_desc){0};
     mn_code code = mn_tree_check(tree, st);
     if (code == MN_OK)
-        code = check_desc(tree, &checked, st);
+        code = mni_block_desc_check(tree, &checked, st);
     if (code != MN_OK)
         return code;
     sections s = {.bytes = {malloc(sizeof(mni_row) * tree->leaves),

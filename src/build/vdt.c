@@ -1,15 +1,40 @@
 /* Trees that need not fit in memory: made of a mesh, or opened, then written or cut into blocks.
  *
- * One thread a tree; calls block on the disk. Paper: §3. */
+ *   make   mesh ──► extmesh.h ──► rounds.h ──► order.h ──┐
+ *   open   .vdt, summed up once ─────────────────────────┴──► rows in a file ──► write, block
+ *
+ * Hides: where the rows are, a file of ours without a name or somebody's .vdt; and what is kept of
+ * each phase for a build that goes on after a kill (work.h).
+ *
+ * Memory: phases follow one another, and each has what the process may take less what the program
+ * itself does: see work_bytes. One thread a tree (rounds start their own); calls block on the disk.
+ * Paper: §3. */
+#include <malloc.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#define XXH_STATIC_LINKING_ONLY /* the state's size */
+#include <xxhash.h>
 
+#include "block_rows.h"
+#include "order.h"
+#include "rounds.h"
 #include "tree.h"
 #include "vdt_header.h"
+#include "watch.h"
+#include "work.h"
+
+_Static_assert(MNI_ORDER_AT == sizeof(mni_vdt_header), "rows stand where they do in a .vdt");
+
+enum { COPY_BYTES = 256 << 10 };
 
 struct mn_vdt {
-    mn_tree tree, head;
+    mn_tree head;
+    bool has_colors;
+    uint64_t sum[MNI_SECTIONS];
+    mni_spill made; /* of a tree that was made; -1: opened */
+    mni_in file;    /* of one that was opened; -1: made */
+    char *path;     /* likewise */
     mn_vdt_figures figures;
 };
 
@@ -19,71 +44,22 @@ static double now_s(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static mn_code make_tree(const char *in, const mn_read_desc *read, const mn_simplify_desc *simplify,
-                         mn_vdt *vdt, mn_status *st) {
-    mn_mesh mesh;
-    double start_s = now_s();
-    mn_code code = mn_mesh_read(in, read, &mesh, st);
-    if (code != MN_OK)
-        return code;
-    vdt->figures.read = (mn_phase_figures){now_s() - start_s, mesh.bytes_read, 0};
-    code = mn_mesh_quantise(&mesh, simplify->position_bits, st);
-    if (code == MN_OK)
-        code = mn_simplify(&mesh, simplify, &vdt->tree, st);
-    vdt->figures.simplify.seconds = vdt->tree.counts.seconds_simplify;
-    mn_mesh_free(&mesh);
-    return code;
-}
-
-static void fill_head(mn_vdt *vdt) {
-    mn_tree *h = &vdt->head;
-    *h = vdt->tree;
-    h->leaf_position = NULL;
-    h->leaf_color = h->left = h->right = h->leaf_lo = h->leaf_mid = h->leaf_hi = NULL;
-    h->switch_value = h->radius = NULL;
-    h->cone = NULL;
-    h->root = h->simplex_start = h->corner = NULL;
-}
-
-static mn_code finish(mn_code code, mn_vdt *vdt, mn_vdt **out) {
-    if (code == MN_OK) {
-        fill_head(vdt);
-        *out = vdt;
-    } else {
-        mn_vdt_close(vdt);
-    }
-    return code;
-}
-
-mn_code mn_vdt_make(const char *in, const mn_read_desc *read, const mn_simplify_desc *simplify,
-                    mn_work *work, mn_vdt **out, mn_status *st) {
-    mn_read_desc reading = read != NULL ? *read : (mn_read_desc){0};
-    mn_simplify_desc simplifying = simplify != NULL ? *simplify : (mn_simplify_desc){0};
+static mn_vdt *new_vdt(mn_status *st) {
     mn_vdt *vdt = calloc(1, sizeof *vdt);
-    (void)work; /* nothing is finished before all is */
-    *out = NULL;
     if (vdt == NULL)
-        return mn_fail(st, MN_FAILED, "no memory");
-    if (reading.ram_bytes == 0)
-        reading.ram_bytes = simplifying.ram_bytes;
-    if (reading.then_need_bytes == NULL)
-        reading.then_need_bytes = mn_simplify_need_bytes;
-    return finish(make_tree(in, &reading, &simplifying, vdt, st), vdt, out);
-}
-
-mn_code mn_vdt_open(const char *path, const mn_watch *watch, mn_vdt **out, mn_status *st) {
-    mn_vdt *vdt = calloc(1, sizeof *vdt);
-    (void)watch;
-    *out = NULL;
-    if (vdt == NULL)
-        return mn_fail(st, MN_FAILED, "no memory");
-    return finish(mn_tree_read(path, &vdt->tree, st), vdt, out);
+        mn_fail(st, MN_FAILED, "no memory for a tree");
+    else
+        vdt->made.fd = vdt->file.fd = -1;
+    return vdt;
 }
 
 void mn_vdt_close(mn_vdt *vdt) {
     if (vdt == NULL)
         return;
-    mn_tree_free(&vdt->tree);
+    mni_spill_close(&vdt->made);
+    if (vdt->file.fd >= 0)
+        mni_in_close(&vdt->file);
+    free(vdt->path);
     free(vdt);
 }
 
@@ -95,12 +71,452 @@ const mn_vdt_figures *mn_vdt_figures_of(const mn_vdt *vdt) {
     return &vdt->figures;
 }
 
+/* ---- what is kept between phases --------------------------------------------------------------
+ */
+
+/* Facts without pointers, all of which are written down. */
+typedef struct read_facts {
+    uint64_t vertices, triangles;
+    double origin[3];
+    mn_intake intake;
+    uint64_t boundary_edges, nonmanifold_edges;
+    float grid_step;
+    uint32_t has_colors, welded;
+    mn_vdt_figures figures;
+} read_facts;
+
+typedef struct simplify_facts {
+    read_facts mesh;
+    uint32_t collapses, killed_count, hinges, root_levels;
+    float root_value;
+    mn_build_counts counts;
+} simplify_facts;
+
+typedef struct order_facts {
+    mn_tree head; /* its pointers are NULL */
+    uint32_t has_colors;
+    uint64_t sum[MNI_SECTIONS];
+    mn_vdt_figures figures;
+} order_facts;
+_Static_assert(sizeof(order_facts) <= MNI_WORK_FACTS_MAX, "facts are few");
+
+/* A mesh on its way to a tree. */
+typedef struct maker {
+    mn_vdt *vdt;
+    const char *in;
+    mn_read_desc read;
+    mn_simplify_desc simplify;
+    mn_work *work;
+    const char *temp_dir;
+    uint64_t work_bytes; /* 0: no bound */
+    mn_watch watch;
+    mni_extmesh mesh;
+    mni_history history;
+    mn_status *st;
+} maker;
+
+static read_facts facts_of_mesh(const maker *m) {
+    read_facts f;
+    memset(&f, 0, sizeof f);
+    f.vertices = m->mesh.vertices;
+    f.triangles = m->mesh.triangles;
+    memcpy(f.origin, m->mesh.origin, sizeof f.origin);
+    f.intake = m->mesh.intake;
+    f.boundary_edges = m->mesh.boundary_edges;
+    f.nonmanifold_edges = m->mesh.nonmanifold_edges;
+    f.grid_step = m->mesh.grid_step;
+    f.has_colors = m->mesh.has_colors;
+    f.welded = m->mesh.welded;
+    f.figures = m->vdt->figures;
+    return f;
+}
+
+static void take_mesh_facts(maker *m, const read_facts *f) {
+    m->mesh.vertices = f->vertices;
+    m->mesh.triangles = f->triangles;
+    memcpy(m->mesh.origin, f->origin, sizeof f->origin);
+    m->mesh.intake = f->intake;
+    m->mesh.boundary_edges = f->boundary_edges;
+    m->mesh.nonmanifold_edges = f->nonmanifold_edges;
+    m->mesh.grid_step = f->grid_step;
+    m->mesh.has_colors = f->has_colors != 0;
+    m->mesh.welded = f->welded != 0;
+    m->vdt->figures = f->figures;
+}
+
+static mn_code keep_history(maker *m) {
+    const mni_history *h = &m->history;
+    mni_spill *const spills[] = {&m->mesh.vertex, &m->history.collapse, &m->history.killed,
+                                 &m->history.group};
+    simplify_facts f;
+    memset(&f, 0, sizeof f);
+    f.mesh = facts_of_mesh(m);
+    f.collapses = h->collapses;
+    f.killed_count = h->killed_count;
+    f.hinges = h->hinges;
+    f.root_levels = h->root_levels;
+    f.root_value = h->root_value;
+    f.counts = h->counts;
+    return mni_work_keep(m->work, MN_PHASE_SIMPLIFY, &f, sizeof f, spills, 4, m->st);
+}
+
+static mn_code take_history(maker *m) {
+    mni_history *h = &m->history;
+    mni_spill *const spills[] = {&m->mesh.vertex, &h->collapse, &h->killed, &h->group};
+    simplify_facts f;
+    mn_code code = mni_work_take(m->work, &f, sizeof f, spills, 4, m->st);
+    if (code != MN_OK)
+        return code;
+    take_mesh_facts(m, &f.mesh);
+    h->collapses = f.collapses;
+    h->killed_count = f.killed_count;
+    h->hinges = f.hinges;
+    h->root_levels = f.root_levels;
+    h->root_value = f.root_value;
+    h->counts = f.counts;
+    return MN_OK;
+}
+
+static mn_code keep_tree(maker *m) {
+    mni_spill *const spills[] = {&m->vdt->made};
+    order_facts f;
+    memset(&f, 0, sizeof f);
+    f.head = m->vdt->head;
+    f.has_colors = m->vdt->has_colors;
+    memcpy(f.sum, m->vdt->sum, sizeof f.sum);
+    f.figures = m->vdt->figures;
+    return mni_work_keep(m->work, MN_PHASE_ORDER, &f, sizeof f, spills, 1, m->st);
+}
+
+static mn_code take_tree(maker *m) {
+    mni_spill *const spills[] = {&m->vdt->made};
+    order_facts f;
+    mn_code code = mni_work_take(m->work, &f, sizeof f, spills, 1, m->st);
+    if (code != MN_OK)
+        return code;
+    m->vdt->head = f.head;
+    m->vdt->has_colors = f.has_colors != 0;
+    memcpy(m->vdt->sum, f.sum, sizeof f.sum);
+    m->vdt->figures = f.figures;
+    return MN_OK;
+}
+
+/* ---- phases -----------------------------------------------------------------------------------
+ */
+
+/* What the process takes besides a phase's own: the program, buffers of readers and writers, stacks
+ * of threads, what the allocator keeps for itself. */
+enum { BESIDE_BYTES = MNI_PROGRAM_BYTES + (1 << 20) };
+
+static uint64_t max_u64(uint64_t a, uint64_t b) {
+    return a > b ? a : b;
+}
+
+/* --ram for so much of a phase, as a number to type. */
+static unsigned long long ram_for(uint64_t work_bytes) {
+    return (work_bytes + BESIDE_BYTES + (1 << 20) - 1) >> 20;
+}
+
+/* Each phase has all that is left by the program:
+ *
+ *   read      shares of it (extintake.h): at least MNI_EXTMESH_WORK_MIN, and 1 byte a vertex
+ *   simplify  cells, one a thread, and sorts (rounds.c): one cell and its least sorts
+ *   order     buckets and pages (order.c): grows as the square root of the model
+ */
+static mn_code plan_memory(maker *m, uint64_t vertices) {
+    uint64_t ram = m->simplify.ram_bytes;
+    if (m->read.ram_bytes > 0 && (ram == 0 || m->read.ram_bytes < ram))
+        ram = m->read.ram_bytes;
+    uint64_t need =
+        max_u64(MNI_EXTMESH_WORK_MIN, max_u64(mni_rounds_work_min(m->simplify.cell_vertices),
+                                              mni_order_work_min(vertices)));
+    m->work_bytes = ram == 0 ? 0 : ram > BESIDE_BYTES ? ram - BESIDE_BYTES : 1;
+    if (ram == 0 || m->work_bytes >= need)
+        return MN_OK;
+    return mn_fail(m->st, MN_CAP_TOO_SMALL,
+                   "%s: %llu bytes of memory are too few to simplify in: try --ram %lluM", m->in,
+                   (unsigned long long)ram, ram_for(need));
+}
+
+static mn_code read_phase(maker *m) {
+    mni_spill *const spills[] = {&m->mesh.vertex, &m->mesh.triangle};
+    double start_s = now_s();
+    mni_in in;
+    mn_code code = mni_in_open(&in, m->in, m->st);
+    if (code != MN_OK)
+        return code;
+    uint64_t in_bytes = in.size_bytes, most = 16 * in_bytes + (64 << 20); /* more is not used */
+    mni_in_close(&in);
+    mni_extmesh_desc desc = {.work_bytes =
+                                 m->work_bytes > 0 && m->work_bytes < most ? m->work_bytes : most,
+                             .temp_dir = m->temp_dir,
+                             .watch = m->watch,
+                             .keep = m->work != NULL};
+    code = mni_extmesh_read(m->in, &m->read, &desc, &m->mesh, m->st);
+    if (code != MN_OK)
+        return code;
+    uint64_t read = m->mesh.vertex.bytes_read, written = m->mesh.vertex.bytes_written;
+    code = mni_extmesh_quantise(&m->mesh, m->simplify.position_bits, &desc, m->st);
+    read = m->mesh.vertex.bytes_read - read;
+    written = m->mesh.vertex.bytes_written - written;
+    m->vdt->figures.read = (mn_phase_figures){
+        now_s() - start_s, in_bytes + m->mesh.bytes_read + read, m->mesh.bytes_written + written};
+    if (code != MN_OK)
+        return code;
+    read_facts facts = facts_of_mesh(m);
+    return mni_work_keep(m->work, MN_PHASE_READ, &facts, sizeof facts, spills, 2, m->st);
+}
+
+static mn_code simplify_phase(maker *m) {
+    double start_s = now_s();
+    const mni_rounds_desc desc = {.metric = m->simplify.metric,
+                                  .cell_vertices = m->simplify.cell_vertices,
+                                  .threads = m->simplify.threads,
+                                  .work_bytes = m->work_bytes,
+                                  .temp_dir = m->temp_dir,
+                                  .keep = m->work != NULL,
+                                  .progress = m->simplify.progress,
+                                  .progress_context = m->simplify.progress_context};
+    mn_code code = mni_rounds(&m->mesh, &desc, &m->history, m->st);
+    if (code != MN_OK)
+        return code;
+    m->history.counts.seconds_simplify = now_s() - start_s;
+    m->vdt->figures.simplify =
+        (mn_phase_figures){now_s() - start_s, m->history.bytes_read, m->history.bytes_written};
+    mni_spill_close(&m->mesh.triangle);
+    return keep_history(m);
+}
+
+static void fill_head(maker *m) {
+    const mni_history *h = &m->history;
+    mn_tree *t = &m->vdt->head;
+    *t = (mn_tree){.leaves = (uint32_t)m->mesh.vertices,
+                   .inner = h->collapses,
+                   .simplices = h->killed_count,
+                   .triangles = (uint32_t)m->mesh.triangles,
+                   .roots = 1,
+                   .depth_max = h->root_levels,
+                   .metric = m->simplify.metric,
+                   .grid_step = m->mesh.grid_step,
+                   .intake = m->mesh.intake,
+                   .counts = h->counts};
+    t->legal_last = t->leaves - 1 + (uint32_t)h->counts.collapses_by_stage[0];
+    t->counts.boundary_edges = m->mesh.boundary_edges;
+    t->counts.nonmanifold_edges = m->mesh.nonmanifold_edges;
+    memcpy(t->origin, m->mesh.origin, sizeof t->origin);
+}
+
+static mn_code order_phase(maker *m) {
+    mn_vdt *vdt = m->vdt;
+    double start_s = now_s();
+    mni_ordered ordered;
+    const mni_order_desc desc = {.work_bytes = m->work_bytes,
+                                 .temp_dir = m->temp_dir,
+                                 .keep = m->work != NULL,
+                                 .watch = &m->watch};
+    mn_code code = mni_order(&m->history, &m->mesh, &desc, &ordered, m->st);
+    if (code != MN_OK)
+        return code;
+    fill_head(m);
+    vdt->made = ordered.file;
+    vdt->has_colors = m->mesh.has_colors;
+    memcpy(vdt->sum, ordered.sum, sizeof vdt->sum);
+    vdt->figures.order =
+        (mn_phase_figures){now_s() - start_s, ordered.bytes_read, ordered.bytes_written};
+    return keep_tree(m);
+}
+
+/* From the phase after the last that was finished. */
+static mn_code go_through(maker *m) {
+    mn_phase done = m->work != NULL ? mn_work_done(m->work) : MN_PHASE_NONE;
+    mni_spill *const mesh[] = {&m->mesh.vertex, &m->mesh.triangle};
+    read_facts facts;
+    mn_code code = plan_memory(m, 0);
+    if (code != MN_OK)
+        return code;
+    if (done == MN_PHASE_ORDER)
+        return take_tree(m);
+    if (done == MN_PHASE_SIMPLIFY) {
+        code = take_history(m);
+    } else if (done == MN_PHASE_READ) {
+        code = mni_work_take(m->work, &facts, sizeof facts, mesh, 2, m->st);
+        if (code == MN_OK)
+            take_mesh_facts(m, &facts);
+    } else {
+        code = read_phase(m);
+        malloc_trim(0);
+    }
+    if (code == MN_OK)
+        code = plan_memory(m, m->mesh.vertices);
+    if (code == MN_OK && done < MN_PHASE_SIMPLIFY)
+        code = simplify_phase(m);
+    malloc_trim(0);
+    return code == MN_OK ? order_phase(m) : code;
+}
+
+mn_code mn_vdt_make(const char *in, const mn_read_desc *read, const mn_simplify_desc *simplify,
+                    mn_work *work, mn_vdt **out, mn_status *st) {
+    mn_status own = {0};
+    maker m = {.in = in,
+               .work = work,
+               .mesh = {.vertex = {.fd = -1}, .triangle = {.fd = -1}},
+               .history = {.collapse = {.fd = -1}, .killed = {.fd = -1}, .group = {.fd = -1}},
+               .st = st != NULL ? st : &own};
+    *out = NULL;
+    if (read != NULL)
+        m.read = *read;
+    if (simplify != NULL)
+        m.simplify = *simplify;
+    if (m.read.progress == NULL) {
+        m.read.progress = m.simplify.progress;
+        m.read.progress_context = m.simplify.progress_context;
+    }
+    m.watch = (mn_watch){m.simplify.progress, m.simplify.progress_context};
+    m.temp_dir = m.simplify.temp_dir != NULL ? m.simplify.temp_dir : ".";
+    m.vdt = new_vdt(m.st);
+    if (m.vdt == NULL)
+        return MN_FAILED;
+    mn_code code = go_through(&m);
+    mni_extmesh_close(&m.mesh);
+    mni_history_close(&m.history);
+    malloc_trim(0);
+    if (code == MN_OK)
+        *out = m.vdt;
+    else
+        mn_vdt_close(m.vdt);
+    return code;
+}
+
+/* ---- a file -----------------------------------------------------------------------------------
+ */
+
+static int fd_of(const mn_vdt *vdt) {
+    return vdt->made.fd >= 0 ? vdt->made.fd : vdt->file.fd;
+}
+
+static uint64_t section_bytes(const mn_vdt *vdt, int section) {
+    return section == MNI_ROWS ? vdt->head.leaves * (uint64_t)sizeof(mni_row)
+                               : vdt->head.simplices * (uint64_t)sizeof(mni_row_simplex);
+}
+
+typedef mn_code (*take_bytes)(void *context, const void *bytes, size_t count);
+
+/* Hands over the rows and the simplices, from front to back; sum: what they hash to. */
+static mn_code each_piece(mn_vdt *vdt, const char *name, const char *phase, const mn_watch *watch,
+                          uint64_t sum[MNI_SECTIONS], take_bytes take, void *context,
+                          mn_status *st) {
+    const mni_in in = {.fd = fd_of(vdt)};
+    uint64_t at = MNI_ORDER_AT, end[MNI_SECTIONS];
+    void *piece = malloc(COPY_BYTES);
+    mn_code code = piece != NULL ? MN_OK : mn_fail(st, MN_FAILED, "no memory to read a tree");
+    end[MNI_ROWS] = at + section_bytes(vdt, MNI_ROWS);
+    end[MNI_SIMPLICES] = end[MNI_ROWS] + section_bytes(vdt, MNI_SIMPLICES);
+    for (int i = 0; i < MNI_SECTIONS && code == MN_OK; i++) {
+        XXH3_state_t state;
+        XXH3_64bits_reset(&state);
+        while (at < end[i] && code == MN_OK) {
+            size_t count = end[i] - at < COPY_BYTES ? (size_t)(end[i] - at) : COPY_BYTES;
+            code = mni_vdt_read(&in, name, at, piece, count, "rows", st);
+            if (code != MN_OK)
+                break;
+            XXH3_64bits_update(&state, piece, count);
+            at += count;
+            if (take != NULL)
+                code = take(context, piece, count);
+            if (code == MN_OK)
+                code = mni_watch(watch, phase, at, end[MNI_SIMPLICES], st);
+        }
+        sum[i] = XXH3_64bits_digest(&state);
+    }
+    free(piece);
+    return code;
+}
+
+static mn_code open_file(mn_vdt *vdt, const mn_watch *watch, mn_status *st) {
+    mni_vdt_header h;
+    uint64_t sum[MNI_SECTIONS];
+    mn_code code = mni_in_open(&vdt->file, vdt->path, st);
+    if (code != MN_OK) {
+        vdt->file.fd = -1;
+        return code;
+    }
+    code = mni_vdt_header_read(&vdt->file, vdt->path, &h, &vdt->head, st);
+    if (code != MN_OK)
+        return code;
+    vdt->has_colors = mni_vdt_header_has_colors(&h);
+    code = each_piece(vdt, vdt->path, "checking", watch, sum, NULL, NULL, st);
+    for (int i = 0; i < MNI_SECTIONS && code == MN_OK; i++) {
+        vdt->sum[i] = sum[i];
+        if (sum[i] != h.section[i].checksum)
+            code = mn_fail(st, MN_BAD_INPUT,
+                           "%s: %s (at byte %llu): checksum does not match; simplify again",
+                           vdt->path, i == MNI_ROWS ? "rows" : "simplices",
+                           (unsigned long long)h.section[i].offset);
+    }
+    return code;
+}
+
+mn_code mn_vdt_open(const char *path, const mn_watch *watch, mn_vdt **out, mn_status *st) {
+    mn_vdt *vdt = new_vdt(st);
+    mn_code code = MN_FAILED;
+    *out = NULL;
+    if (vdt == NULL)
+        return code;
+    vdt->path = strdup(path);
+    if (vdt->path == NULL)
+        mn_fail(st, MN_FAILED, "no memory for a tree");
+    else
+        code = open_file(vdt, watch, st);
+    if (code == MN_OK)
+        *out = vdt;
+    else
+        mn_vdt_close(vdt);
+    return code;
+}
+
+typedef struct copy {
+    mni_out out;
+    mn_status *st;
+} copy;
+
+static mn_code put_out(void *context, const void *bytes, size_t count) {
+    copy *c = context;
+    return mni_out_write(&c->out, bytes, count, c->st);
+}
+
 mn_code mn_vdt_write(mn_vdt *vdt, const char *path, const mn_watch *watch, mn_status *st) {
-    (void)watch;
-    return mn_tree_write(path, &vdt->tree, st);
+    copy c = {.out = {.fd = -1}, .st = st};
+    mni_vdt_header h;
+    uint64_t sum[MNI_SECTIONS];
+    const char *name = vdt->path != NULL ? vdt->path : "temporary file";
+    mni_vdt_header_make(&h, &vdt->head, vdt->has_colors, vdt->sum);
+    mn_code code = mni_out_open(&c.out, path, st);
+    if (code == MN_OK)
+        code = mni_out_write(&c.out, &h, sizeof h, st);
+    if (code == MN_OK)
+        code = each_piece(vdt, name, "writing", watch, sum, put_out, &c, st);
+    if (code == MN_OK && memcmp(sum, vdt->sum, sizeof sum) != 0)
+        code = mn_fail(st, MN_FAILED, "%s: has changed while it was copied", name);
+    if (code == MN_OK)
+        code = mni_out_commit(&c.out, st);
+    mni_out_abort(&c.out);
+    return code;
 }
 
 mn_code mn_vdt_block(mn_vdt *vdt, const char *path, const mn_block_desc *desc, mn_header *header,
                      mn_block_counts *counts, mn_status *st) {
-    return mn_block_write(path, &vdt->tree, desc, header, counts, st);
+    mn_block_desc checked = desc != NULL ? *desc : (mn_block_desc){0};
+    mn_code code = mni_block_desc_check(&vdt->head, &checked, st);
+    if (code != MN_OK)
+        return code;
+    const mni_rows_source source = {.rows = vdt->head.leaves,
+                                    .simplices = vdt->head.simplices,
+                                    .has_colors = vdt->has_colors,
+                                    .row_fd = fd_of(vdt),
+                                    .simplex_fd = fd_of(vdt),
+                                    .row_offset = MNI_ORDER_AT,
+                                    .simplex_offset = MNI_ORDER_AT + section_bytes(vdt, MNI_ROWS),
+                                    .name = vdt->path};
+    uint64_t build_id = mni_build_id(&vdt->head, vdt->has_colors, vdt->sum, &checked);
+    return mni_block_rows(path, &vdt->head, &source, build_id, &checked, header, counts, st);
 }
