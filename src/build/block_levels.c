@@ -14,18 +14,16 @@
 /* The top levels below the only root. */
 static mn_code draft_levels(mni_plan *plan, const mni_exit *root, mni_draft *draft,
                             mni_tally *tally) {
-    mn_code code = mni_draft_begin(plan, draft, root, 1, NULL);
+    mn_code code = mni_draft_begin(plan, draft, root, 1);
     mni_tally_init(tally, plan->limits.has_colors, plan->limits.grid_step);
     uint32_t top = code == MN_OK ? draft->known[0].depth : 0;
     /* children come to be known after their parents */
     for (uint32_t k = 0; code == MN_OK && k < draft->knowns; k++) {
         if (draft->known[k].depth - top >= plan->desc->l)
             continue;
-        draft->known[k].taken = true;
-        code = mni_draft_expand(plan, draft, k);
-        if (code == MN_OK)
-            code = k == 0 ? mni_draft_tally_root(plan, draft, k, tally)
-                          : mni_draft_tally(plan, draft, k, tally);
+        draft->known[k].taken = MNI_BLOCK_TAKES;
+        code = k == 0 ? mni_draft_tally_root(plan, draft, k, tally)
+                      : mni_draft_tally(plan, draft, k, tally);
         tally->exits -= k > 0; /* it was one */
     }
     return code == MN_OK ? mni_draft_list(plan, draft) : code;
@@ -65,6 +63,6 @@ mn_code mni_levels_block(mni_plan *plan, const mni_exit *root, mni_draft *draft,
                          mni_family *family, mni_tally *tally) {
     mn_code code = draft_levels(plan, root, draft, tally);
     if (code == MN_OK)
-        code = mni_draft_exits(plan, draft, family);
+        code = mni_draft_exits(plan, draft, draft->list, draft->listed, MNI_BLOCK_TAKES, family);
     return code == MN_OK ? mni_levels_runs(plan, family, scratch) : code;
 }

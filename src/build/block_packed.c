@@ -100,11 +100,14 @@ struct mni_packer {
     double whole_first; /* what it was at first */
     mni_tally tally;    /* of the block being filled */
     uint32_t overflows; /* its nodes that overflow */
+    uint32_t *taken;    /* its nodes, as they were taken */
+    uint32_t takes, taken_capacity;
     candidate *heap;
     uint32_t waiting, heap_capacity;
     exit_list exits, below; /* of the block being packed, and of one that is tried below it */
-    mni_draft trial;
+    uint32_t trials;        /* in the block's draft: whose nodes they take */
     mni_family trial_family;
+    mni_draft first;  /* while nothing has been packed */
     measure *measure; /* MEASURES, by a hash of the row */
     mni_rows_run run;
 };
@@ -119,9 +122,9 @@ static void tally_none(const mni_packer *p, mni_tally *tally) {
     mni_tally_init(tally, p->plan->limits.has_colors, p->plan->limits.grid_step);
 }
 
-static bool fits(const mni_packer *p, const mni_tally *tally, uint32_t refs) {
+static bool fits(const mni_packer *p, mni_tally *tally, uint32_t refs) {
     return tally->nodes <= MNI_BLOCK_NODES_MAX && tally->exits <= MNI_BLOCK_EXITS_MAX &&
-           mni_tally_bytes(tally, refs) <= p->limit;
+           mni_tally_fits(tally, refs, p->limit);
 }
 
 /* What the whole subtree takes. Valid until the next call. */
@@ -195,34 +198,34 @@ static uint32_t refs_kept(const mni_packer *p, uint32_t exits, double share) {
     return (up > exits ? exits : up) + p->overflows;
 }
 
-static mn_code take_roots(mni_packer *p, mni_draft *draft, uint32_t small) {
-    mn_code code = MN_OK;
-    for (uint32_t r = 0; r < draft->roots && code == MN_OK; r++) {
-        code = mni_draft_expand(p->plan, draft, r);
-        if (code == MN_OK)
-            code = mni_draft_tally_root(p->plan, draft, r, &p->tally);
-        p->overflows += mni_draft_overflows(p->plan, &draft->known[r]);
-        if (code == MN_OK)
-            code = push_children(p, draft, r, 0, small);
-    }
-    return code;
+static mn_code take(mni_packer *p, mni_draft *draft, uint32_t known, uint32_t takes, uint32_t depth,
+                    uint32_t small) {
+    if (!mni_plan_room((void **)&p->taken, p->takes + 1, &p->taken_capacity, sizeof *p->taken))
+        return no_memory(p);
+    p->taken[p->takes++] = known;
+    draft->known[known].taken = takes;
+    return push_children(p, draft, known, depth, small);
 }
 
-/* The tops of the draft's subtrees, best first, until nothing fits. */
-static mn_code fill(mni_packer *p, mni_draft *draft, uint32_t small, double share) {
-    p->waiting = p->overflows = 0;
+/* The tops of subtrees of the draft, best first, until nothing fits. takes: who gets them. */
+static mn_code fill(mni_packer *p, mni_draft *draft, const mni_exit *root, uint32_t roots,
+                    uint32_t takes, uint32_t small, double share) {
+    mn_code code = MN_OK;
+    p->waiting = p->overflows = p->takes = 0;
     tally_none(p, &p->tally);
-    mn_code code = take_roots(p, draft, small);
+    for (uint32_t r = 0; r < roots && code == MN_OK; r++) {
+        code = mni_draft_tally_root(p->plan, draft, root[r].known, &p->tally);
+        p->overflows += mni_draft_overflows(p->plan, &draft->known[root[r].known]);
+        if (code == MN_OK)
+            code = take(p, draft, root[r].known, takes, 0, small);
+    }
     for (uint32_t tries = 0; p->waiting > 0 && tries < TRIES_MAX && code == MN_OK;) {
         candidate next = heap_pop(p);
         mni_tally with = p->tally;
-        code = mni_draft_expand(p->plan, draft, next.known);
-        if (code == MN_OK)
-            code = mni_draft_tally(p->plan, draft, next.known, &with);
+        code = mni_draft_tally(p->plan, draft, next.known, &with);
         if (code != MN_OK)
             break;
-        mni_known *k = &draft->known[next.known];
-        uint32_t overflows = mni_draft_overflows(p->plan, k);
+        uint32_t overflows = mni_draft_overflows(p->plan, &draft->known[next.known]);
         with.exits--; /* it was one */
         p->overflows += overflows;
         if (!fits(p, &with, refs_kept(p, with.exits, share))) {
@@ -231,10 +234,9 @@ static mn_code fill(mni_packer *p, mni_draft *draft, uint32_t small, double shar
             continue;
         }
         p->tally = with;
-        k->taken = true;
-        code = push_children(p, draft, next.known, next.depth, small);
+        code = take(p, draft, next.known, takes, next.depth, small);
     }
-    return code == MN_OK ? mni_draft_list(p->plan, draft) : code;
+    return code;
 }
 
 /* ---- the exits of a block ------------------------------------------------------------------- */
@@ -254,16 +256,23 @@ static void sort_exits(exit_list *x, uint32_t first, uint32_t next) {
         qsort(exit + first, next - first, sizeof *exit, by_leaf);
 }
 
-/* The family's exits become those of the list. */
-static mn_code begin_list(mni_packer *p, exit_list *x, mni_family *family, mni_draft *draft) {
+static mn_code begin_list(mni_packer *p, exit_list *x, mni_draft *draft, uint32_t above,
+                          mni_family *family) {
     x->family = family;
     x->draft = draft;
-    x->above = draft->listed;
+    x->above = above;
     if (!mni_plan_room((void **)&x->kept, family->exits, &x->kept_capacity, sizeof *x->kept) ||
         !mni_plan_room((void **)&x->cut, family->exits + 1, &x->cuts_capacity, sizeof *x->cut))
         return no_memory(p);
     sort_exits(x, 0, family->exits);
     return MN_OK;
+}
+
+/* The exits of who has taken the nodes of the last fill. */
+static mn_code list_exits(mni_packer *p, exit_list *x, mni_draft *draft, uint32_t takes,
+                          mni_family *family) {
+    mn_code code = mni_draft_exits(p->plan, draft, p->taken, p->takes, takes, family);
+    return code == MN_OK ? begin_list(p, x, draft, p->takes, family) : code;
 }
 
 /* Brings exit `from` to `to`, before those from there on. */
@@ -421,12 +430,8 @@ static mn_code tops_fit(mni_packer *p, exit_list *x, uint32_t first, uint32_t ne
     *fit = true;
     if (next - first == 1)
         return MN_OK;
-    for (uint32_t e = first; e < next && code == MN_OK; e++) {
-        uint32_t known = x->family->exit[e].known;
-        code = mni_draft_expand(p->plan, x->draft, known);
-        if (code == MN_OK)
-            code = mni_draft_tally_root(p->plan, x->draft, known, &tally);
-    }
+    for (uint32_t e = first; e < next && code == MN_OK; e++)
+        code = mni_draft_tally_root(p->plan, x->draft, x->family->exit[e].known, &tally);
     *fit = fits(p, &tally, tally.exits + tally.subtrees);
     return code;
 }
@@ -436,16 +441,13 @@ static mn_code tops_fit(mni_packer *p, exit_list *x, uint32_t first, uint32_t ne
 /* Packs a run to see how many blocks it takes, if all below it is to end right there. */
 static mn_code try_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t next, uint32_t small,
                        outcome *out) {
-    mni_draft *draft = &p->trial;
     *out = (outcome){0};
+    uint32_t takes = MNI_BLOCK_TAKES + ++p->trials;
     sort_exits(x, first, next);
-    mn_code code = mni_draft_begin(p->plan, draft, x->family->exit + first, next - first, x->draft);
+    mn_code code =
+        fill(p, x->draft, x->family->exit + first, next - first, takes, small, ref_share[0]);
     if (code == MN_OK)
-        code = fill(p, draft, small, ref_share[0]);
-    if (code == MN_OK)
-        code = mni_draft_exits(p->plan, draft, &p->trial_family);
-    if (code == MN_OK)
-        code = begin_list(p, &p->below, &p->trial_family, draft);
+        code = list_exits(p, &p->below, x->draft, takes, &p->trial_family);
     if (code == MN_OK && ends_below(&p->below))
         code = end_all(p, &p->below, false, out);
     if (out->blocks > 0 || p->trial_family.exits == 0) {
@@ -547,33 +549,41 @@ static mn_code plan_next(mni_packer *p, exit_list *x, uint32_t first, uint32_t *
     return code == MN_OK ? add_run(p, x, first, *next, small, NULL) : code;
 }
 
+/* What trials have looked at below a run is of no use to the next one. */
 static mn_code plan_exits(mni_packer *p, exit_list *x) {
+    const uint32_t knowns = x->draft->knowns;
     outcome out = {0};
     mn_code code = MN_OK;
+    p->trials = 0;
     if (ends_below(x))
         code = end_all(p, x, true, &out);
-    for (uint32_t e = out.blocks > 0 ? x->family->exits : 0; e < x->family->exits && code == MN_OK;)
+    for (uint32_t e = out.blocks > 0 ? x->family->exits : 0;
+         e < x->family->exits && code == MN_OK;) {
         code = plan_next(p, x, e, &e);
+        mni_draft_forget(x->draft, knowns);
+    }
     return code;
 }
 
 /* ---- all of it ------------------------------------------------------------------------------ */
 
-mn_code mni_packer_block(mni_packer *p, const mni_exit *root, uint32_t roots, uint32_t small,
+mn_code mni_packer_block(mni_packer *p, mni_exit *root, uint32_t roots, uint32_t small,
                          mni_draft *draft, mni_family *family, mni_tally *tally) {
     for (uint32_t share = 0;; share++) {
         MN_ASSERT(share < REF_SHARES);
-        mn_code code = mni_draft_begin(p->plan, draft, root, roots, NULL);
+        mn_code code = mni_draft_begin(p->plan, draft, root, roots);
+        for (uint32_t r = 0; r < roots; r++)
+            root[r].known = r;
         if (code == MN_OK)
-            code = fill(p, draft, small, ref_share[share]);
+            code = fill(p, draft, root, roots, MNI_BLOCK_TAKES, small, ref_share[share]);
         if (code == MN_OK)
-            code = mni_draft_exits(p->plan, draft, family);
+            code = mni_draft_list(p->plan, draft);
         if (code != MN_OK)
             return code;
         *tally = p->tally;
         uint32_t overflows = p->overflows; /* trials have others */
         p->node_bytes = (double)mni_tally_bytes(tally, 0) / tally->nodes;
-        code = begin_list(p, &p->exits, family, draft);
+        code = list_exits(p, &p->exits, draft, MNI_BLOCK_TAKES, family);
         if (code == MN_OK)
             code = plan_exits(p, &p->exits);
         if (code != MN_OK || mni_tally_bytes(tally, family->runs + overflows) <= p->limit)
@@ -588,20 +598,19 @@ static mn_code measure_first(mni_packer *p, const mni_exit *root) {
     p->whole_bytes = p->limit; /* of a tree whose every node overflows */
     for (;;) {
         const measure *m;
-        mni_draft *draft = &p->trial;
+        mni_draft *draft = &p->first;
         mn_code code = measure_of(p, &at, &m);
         if (code == MN_OK && m->fits) {
             p->whole_bytes = (double)mni_tally_bytes(&m->tally, 0) / m->tally.nodes;
             break;
         }
         if (code == MN_OK)
-            code = mni_draft_begin(p->plan, draft, &at, 1, NULL);
+            code = mni_draft_begin(p->plan, draft, &at, 1);
         if (code == MN_OK)
             code = mni_draft_expand(p->plan, draft, 0);
         if (code == MN_OK)
-            code = mni_draft_list(p->plan, draft);
-        if (code == MN_OK)
-            code = mni_draft_exits(p->plan, draft, &p->trial_family);
+            code = mni_draft_exits(p->plan, draft, &(uint32_t){0}, 1, MNI_BLOCK_TAKES,
+                                   &p->trial_family);
         if (code != MN_OK)
             return code;
         const mni_family *f = &p->trial_family;
@@ -618,7 +627,7 @@ mn_code mni_packer_roots(mni_packer *p, mni_draft *draft, mni_family *roots) {
     mn_code code = measure_first(p, &roots->exit[0]);
     roots->runs = 0;
     if (code == MN_OK)
-        code = begin_list(p, &p->exits, roots, draft);
+        code = begin_list(p, &p->exits, draft, 0, roots);
     return code == MN_OK ? plan_exits(p, &p->exits) : code;
 }
 
@@ -641,10 +650,11 @@ void mni_packer_close(mni_packer *p) {
     if (p == NULL)
         return;
     free(p->heap);
+    free(p->taken);
     free(p->measure);
     free(p->trial_family.exit);
     free(p->trial_family.run);
-    mni_draft_free(&p->trial);
+    mni_draft_free(&p->first);
     mni_rows_run_free(&p->run);
     close_list(&p->exits);
     close_list(&p->below);

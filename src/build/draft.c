@@ -1,8 +1,10 @@
 /* The nodes of one block, copied from their rows while it is being made.
  *
- * Hides: which nodes are known, and their numbering. Order: begin; expand and tally, take (the
- * policy sets `taken`); list; exits; encode. One thread a draft. Memory: 120 bytes a node that is
- * known: those of the block, their children, and what was looked at in vain. Paper: §3.2. */
+ * Hides: which nodes are known, and their numbering. What has been looked at once, for the block or
+ * for a trial below it, stays known, and what it takes as well.
+ * Order: begin; tally, take (the policy sets `taken`); list; exits; encode. One thread a draft.
+ * Memory: 300 bytes a node that is known: those of the block, their children, and what trials have
+ * looked at. Paper: §3.2. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -57,8 +59,7 @@ mn_code mni_draft_expand(mni_plan *plan, mni_draft *draft, uint32_t known) {
     return code == MN_OK ? know_child(plan, draft, known, 1) : code;
 }
 
-mn_code mni_draft_begin(mni_plan *plan, mni_draft *draft, const mni_exit *root, uint32_t roots,
-                        const mni_draft *from) {
+mn_code mni_draft_begin(mni_plan *plan, mni_draft *draft, const mni_exit *root, uint32_t roots) {
     draft->knowns = draft->listed = 0;
     draft->roots = roots;
     if (!mni_plan_room((void **)&draft->known, roots, &draft->knowns_capacity,
@@ -66,21 +67,27 @@ mn_code mni_draft_begin(mni_plan *plan, mni_draft *draft, const mni_exit *root, 
         return no_room(plan);
     for (uint32_t r = 0; r < roots; r++) {
         const mni_exit *x = &root[r];
-        mni_known made = {.at = x->row, .depth = x->depth, .taken = true};
+        mni_known made = {.at = x->row, .depth = x->depth};
         memcpy(made.position, x->position, sizeof made.position);
         mni_place place = {x->leaf_lo, x->leaf_lo + x->nodes + 1, {0}};
         memcpy(place.position, x->position, sizeof place.position);
-        if (from != NULL) {
-            made.row = from->known[x->known].row;
-            made.simplex_end = from->known[x->known].simplex_end;
-        } else if (!mni_rows_get(plan->rows, x->row, &made.row, &made.simplex_end)) {
+        if (!mni_rows_get(plan->rows, x->row, &made.row, &made.simplex_end))
             return no_room(plan);
-        }
         mn_code code = know(plan, draft, &made, &place, x->order + 1);
         if (code != MN_OK)
             return code;
     }
     return MN_OK;
+}
+
+void mni_draft_forget(mni_draft *draft, uint32_t knowns) {
+    draft->knowns = knowns;
+    for (uint32_t k = 0; k < knowns; k++) {
+        mni_known *known = &draft->known[k];
+        for (uint32_t side = 0; side < 2 && known->expanded; side++)
+            if (known->child[side] != MN_NONE && known->child[side] >= knowns)
+                known->expanded = false;
+    }
 }
 
 /* ---- what they take -------------------------------------------------------------------------- */
@@ -101,10 +108,10 @@ static mni_child exit_of(const mni_draft *draft, uint32_t child) {
                        .facts = mni_plan_facts(&k->row)};
 }
 
-mn_code mni_draft_tally(mni_plan *plan, const mni_draft *draft, uint32_t known, mni_tally *tally) {
-    const mni_known *k = &draft->known[known];
+static mn_code measure(mni_plan *plan, mni_draft *draft, uint32_t known, mni_tally *tally) {
+    mni_known *k = &draft->known[known];
     mni_node record;
-    MN_ASSERT(k->expanded);
+    mni_tally_init(tally, plan->limits.has_colors, plan->limits.grid_step);
     mni_plan_record(plan, k->at, &k->row, k->simplex_end, k->position, &record);
     record.left = exit_of(draft, k->child[0]);
     record.right = exit_of(draft, k->child[1]);
@@ -114,11 +121,27 @@ mn_code mni_draft_tally(mni_plan *plan, const mni_draft *draft, uint32_t known, 
         return no_room(plan);
     for (uint32_t s = 0; s < record.simplex_count; s++)
         mni_tally_simplex(tally, simplex[s].corner);
+    k->measured = true;
+    k->measured_small = mni_tally_part_of(tally, &k->part);
     return MN_OK;
 }
 
-mn_code mni_draft_tally_root(mni_plan *plan, const mni_draft *draft, uint32_t known,
-                             mni_tally *tally) {
+mn_code mni_draft_tally(mni_plan *plan, mni_draft *draft, uint32_t known, mni_tally *tally) {
+    mn_code code = mni_draft_expand(plan, draft, known);
+    const mni_known *k = &draft->known[known];
+    mni_tally alone;
+    if (code == MN_OK && !(k->measured && k->measured_small))
+        code = measure(plan, draft, known, &alone);
+    if (code != MN_OK)
+        return code;
+    if (k->measured_small)
+        mni_tally_add(tally, &k->part);
+    else
+        mni_tally_merge(tally, &alone);
+    return MN_OK;
+}
+
+mn_code mni_draft_tally_root(mni_plan *plan, mni_draft *draft, uint32_t known, mni_tally *tally) {
     const mni_row *row = &draft->known[known].row;
     const mni_subtree subtree = {.leaf_lo = row->leaf_lo, .leaf_hi = row->leaf_hi};
     mni_tally_subtree(tally, &subtree);
@@ -139,12 +162,12 @@ mn_code mni_draft_list(mni_plan *plan, mni_draft *draft) {
         while (waiting > 0) {
             uint32_t at = stack[--waiting];
             mni_known *k = &draft->known[at];
-            MN_ASSERT(draft->listed < MNI_BLOCK_NODES_MAX && k->taken && k->expanded);
+            MN_ASSERT(draft->listed < MNI_BLOCK_NODES_MAX && k->expanded);
             k->index = draft->listed;
             draft->list[draft->listed++] = at;
             for (uint32_t side = 2; side-- > 0;) { /* the left one on top */
                 uint32_t child = k->child[side];
-                if (child != MN_NONE && draft->known[child].taken) {
+                if (child != MN_NONE && draft->known[child].taken == MNI_BLOCK_TAKES) {
                     MN_ASSERT(waiting <= MNI_BLOCK_DEPTH_MAX);
                     stack[waiting++] = child;
                 }
@@ -154,16 +177,17 @@ mn_code mni_draft_list(mni_plan *plan, mni_draft *draft) {
     return MN_OK;
 }
 
-mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, mni_family *family) {
+mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, const uint32_t *node,
+                        uint32_t nodes, uint32_t takes, mni_family *family) {
     family->exits = family->runs = 0;
     if (!mni_plan_room((void **)&family->exit, draft->knowns, &family->exits_capacity,
                        sizeof *family->exit))
         return no_room(plan);
-    for (uint32_t i = 0; i < draft->listed; i++)
+    for (uint32_t i = 0; i < nodes; i++)
         for (uint32_t side = 0; side < 2; side++) {
-            uint32_t child = draft->known[draft->list[i]].child[side];
+            uint32_t child = draft->known[node[i]].child[side];
             const mni_known *k = &draft->known[child == MN_NONE ? 0 : child];
-            if (child == MN_NONE || k->taken)
+            if (child == MN_NONE || k->taken == takes)
                 continue;
             mni_exit *x = &family->exit[family->exits++];
             *x = (mni_exit){.row = k->at,
@@ -181,7 +205,7 @@ mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, mni_family *fami
 
 static mni_child child_of(const mni_draft *draft, uint32_t child) {
     mni_child out = exit_of(draft, child);
-    if (child != MN_NONE && draft->known[child].taken) {
+    if (child != MN_NONE && draft->known[child].taken == MNI_BLOCK_TAKES) {
         out.kind = MNI_CHILD_INNER;
         out.node = draft->known[child].index;
     }

@@ -139,5 +139,5 @@ mn_code mni_plan_roots(mni_plan *plan, mni_draft *draft, mni_family *roots) {
     if (lo != head->leaves || roots->exits != head->roots)
         return mn_fail(plan->st, MN_BAD_INPUT, "%u roots hold %u of %u leaves, promised were %u",
                        roots->exits, lo, head->leaves, head->roots);
-    return mni_draft_begin(plan, draft, roots->exit, roots->exits, NULL);
+    return mni_draft_begin(plan, draft, roots->exit, roots->exits);
 }

@@ -27,18 +27,21 @@ typedef struct mni_exit {
     float position[3];
 } mni_exit;
 
-/* A node that the block has, or one right below it. */
+/* A node that has been looked at: it is the block's, or below it. */
 typedef struct mni_known {
     mni_row row;
     uint32_t at; /* its row */
     uint32_t simplex_end;
     float position[3]; /* of the node */
     uint32_t depth;    /* nodes above it in the tree */
-    bool taken, expanded;
+    uint32_t taken;    /* by whom it was last: the block, MNI_BLOCK_TAKES, or a trial */
+    bool expanded, measured, measured_small;
     uint32_t child[2];     /* once expanded: known, or MN_NONE: a leaf */
-    uint32_t index;        /* taken: in the block's numbering, once listed */
-    uint32_t ref, subtree; /* an exit: where it is */
+    mni_tally_part part;   /* once measured, and small: what it takes, its inner children exits */
+    uint32_t index;        /* of the block's: in its numbering, once listed */
+    uint32_t ref, subtree; /* an exit of the block: where it is */
 } mni_known;
+enum { MNI_BLOCK_TAKES = 1 };
 
 typedef struct mni_draft {
     mni_known *known;
@@ -105,23 +108,23 @@ mni_facts mni_plan_facts(const mni_row *row);
 /* ---- drafts --------------------------------------------------------------------------------- */
 
 void mni_draft_free(mni_draft *draft);
-/* Begins a block with those roots, which stand by leaf_lo and are taken. from (may be NULL): the
- * draft that they are exits of. */
-mn_code mni_draft_begin(mni_plan *plan, mni_draft *draft, const mni_exit *root, uint32_t roots,
-                        const mni_draft *from);
+/* Begins a block with those roots, which stand by leaf_lo; nobody has taken them. */
+mn_code mni_draft_begin(mni_plan *plan, mni_draft *draft, const mni_exit *root, uint32_t roots);
 /* Makes its inner children known. draft->known may move. */
 mn_code mni_draft_expand(mni_plan *plan, mni_draft *draft, uint32_t known);
-/* Adds an expanded node as if its inner children were exits. */
-mn_code mni_draft_tally(mni_plan *plan, const mni_draft *draft, uint32_t known, mni_tally *tally);
-mn_code mni_draft_tally_root(mni_plan *plan, const mni_draft *draft, uint32_t known,
-                             mni_tally *tally);
+/* Forgets all but the first so many that have become known: the children of others are not. */
+void mni_draft_forget(mni_draft *draft, uint32_t knowns);
+/* Expands a node and adds it as if its inner children were exits. */
+mn_code mni_draft_tally(mni_plan *plan, mni_draft *draft, uint32_t known, mni_tally *tally);
+mn_code mni_draft_tally_root(mni_plan *plan, mni_draft *draft, uint32_t known, mni_tally *tally);
 static inline bool mni_draft_overflows(const mni_plan *plan, const mni_known *k) {
     return k->simplex_end - k->row.simplex_start > plan->simplices_max;
 }
-/* Numbers the nodes that are taken: they must all be expanded, and MNI_BLOCK_NODES_MAX at most. */
+/* Numbers the block's nodes: they must all be expanded, and MNI_BLOCK_NODES_MAX at most. */
 mn_code mni_draft_list(mni_plan *plan, mni_draft *draft);
-/* The exits of a listed draft, in the order of the list; runs none. */
-mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, mni_family *family);
+/* The exits of `takes`, whose nodes those are; runs none. */
+mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, const uint32_t *node,
+                        uint32_t nodes, uint32_t takes, mni_family *family);
 /* Writes the payload of the listed draft, checking its nodes wholly. tally: its own. Exits have
  * their ref and subtree; nodes that overflow have the references from first_overflow on. */
 mn_code mni_draft_encode(mni_plan *plan, const mni_draft *draft, const mni_tally *tally,
@@ -173,7 +176,7 @@ void mni_packer_close(mni_packer *packer); /* NULL is harmless */
 /* Groups the tree's roots, which are known in *draft. */
 mn_code mni_packer_roots(mni_packer *packer, mni_draft *draft, mni_family *roots);
 /* Fills the block of those roots and groups its exits. *tally: its own; all references fit. */
-mn_code mni_packer_block(mni_packer *packer, const mni_exit *root, uint32_t roots, uint32_t small,
+mn_code mni_packer_block(mni_packer *packer, mni_exit *root, uint32_t roots, uint32_t small,
                          mni_draft *draft, mni_family *family, mni_tally *tally);
 
 /* A run for each exit of the family. scratch: for drafts of their blocks. */

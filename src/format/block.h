@@ -178,6 +178,7 @@ typedef struct mni_tally {
     float step; /* of the grid of positions */
     uint32_t min[MNI_TALLY_RANGES], max[MNI_TALLY_RANGES];
     uint32_t third[MNI_TALLY_LENGTHS];   /* third corners by the bits of their codes */
+    uint32_t near;                       /* how these were cut when that was last looked at */
     uint32_t leaf_lo, leaf_mid, leaf_hi; /* of the last node */
 } mni_tally;
 /* grid_step: of the tree. */
@@ -191,6 +192,21 @@ void mni_tally_subtree(mni_tally *tally, const mni_subtree *subtree);
 void mni_tally_merge(mni_tally *tally, const mni_tally *other);
 /* Bytes from the block's start to the end of its last row, with that many references. */
 uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs);
+/* Are these at most limit_bytes? Cheaper than to ask how many, where they are. */
+bool mni_tally_fits(mni_tally *tally, uint32_t refs, uint64_t limit_bytes);
+
+/* A small tally, of one node and few simplices, to be added again and again. */
+enum { MNI_PART_THIRDS = 6 };
+typedef struct mni_tally_part {
+    uint32_t min[MNI_TALLY_RANGES], max[MNI_TALLY_RANGES];
+    uint32_t more;
+    uint8_t nodes, subtrees, exits, thirds;
+    uint8_t third[MNI_PART_THIRDS]; /* bits of their codes */
+    bool has_overflow;
+} mni_tally_part;
+/* false: too large for a part. */
+bool mni_tally_part_of(const mni_tally *tally, mni_tally_part *part);
+void mni_tally_add(mni_tally *tally, const mni_tally_part *part);
 
 /* Writes a block: begin, then every subtree, and every node followed by its simplices, in the order
  * of the numbering, then the references and the seal (frame.h). bytes[0, length_bytes) is zeroed;

@@ -127,6 +127,39 @@ void mni_tally_merge(mni_tally *tally, const mni_tally *other) {
     }
 }
 
+bool mni_tally_part_of(const mni_tally *tally, mni_tally_part *part) {
+    uint32_t thirds = 0;
+    for (uint32_t bits = 0; bits < MNI_TALLY_LENGTHS; bits++)
+        thirds += tally->third[bits];
+    if (thirds > MNI_PART_THIRDS || tally->nodes > 1 || tally->subtrees > 1 || tally->exits > 2)
+        return false;
+    *part = (mni_tally_part){.more = tally->more,
+                             .nodes = (uint8_t)tally->nodes,
+                             .subtrees = (uint8_t)tally->subtrees,
+                             .exits = (uint8_t)tally->exits,
+                             .has_overflow = tally->has_overflow};
+    memcpy(part->min, tally->min, sizeof part->min);
+    memcpy(part->max, tally->max, sizeof part->max);
+    for (uint8_t bits = 0; bits < MNI_TALLY_LENGTHS; bits++)
+        for (uint32_t i = 0; i < tally->third[bits]; i++)
+            part->third[part->thirds++] = bits;
+    return true;
+}
+
+void mni_tally_add(mni_tally *tally, const mni_tally_part *part) {
+    tally->nodes += part->nodes;
+    tally->subtrees += part->subtrees;
+    tally->exits += part->exits;
+    tally->more += part->more;
+    tally->has_overflow |= part->has_overflow;
+    for (uint32_t i = 0; i < part->thirds; i++)
+        tally->third[part->third[i]]++;
+    for (uint32_t r = 0; r < RANGES; r++) {
+        tally->min[r] = part->min[r] < tally->min[r] ? part->min[r] : tally->min[r];
+        tally->max[r] = part->max[r] > tally->max[r] ? part->max[r] : tally->max[r];
+    }
+}
+
 static uint32_t range_width(const mni_tally *t, uint32_t range) {
     return t->min[range] < t->max[range] ? mni_bits(t->max[range] - t->min[range]) : 0;
 }
@@ -177,8 +210,17 @@ static thirds cut_thirds(const mni_tally *t, uint64_t places) {
     }
 }
 
-/* Returns what the rows take. */
-static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS], thirds *third) {
+/* Near ones have codes of up to so many bits. */
+static thirds thirds_at(const mni_tally *t, uint32_t near) {
+    uint32_t most = longest_third(t), far = 0;
+    for (uint32_t bits = near + 1; bits <= most; bits++)
+        far += t->third[bits];
+    return (thirds){near, far, most, mni_bits((1u << near) - 1 + far)};
+}
+
+/* Returns what the rows take, third corners cut like that. */
+static uint64_t lay_out_at(const mni_tally *t, uint32_t refs, const thirds *third,
+                           uint16_t edge[FIELDS]) {
     uint32_t node[FIELD_NODE_END];
     bool exits = t->exits > 0;
     for (uint32_t i = 0; i < FACTS; i++)
@@ -196,7 +238,6 @@ static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS]
     const uint32_t exit[] = {mni_bits(refs), mni_bits(t->exits)};
     const uint32_t subtree[] = {mni_bits(t->nodes), range_width(t, BASE_LO),
                                 range_width(t, RANGE_SIZE)};
-    *third = cut_thirds(t, MNI_INLINE * (uint64_t)t->nodes + t->more);
     uint32_t simplex_bits = simplex_edges(t, third->width, edge + FIELD_TURN);
     uint32_t node_bits = edges_of(node, FIELD_NODE_END, 0, edge) + MNI_INLINE * simplex_bits;
     uint32_t exit_bits = edges_of(exit, 2, edge[FIELD_LEFT], edge + FIELD_REF);
@@ -206,10 +247,28 @@ static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS]
            mni_row_bytes(third->far, third->far_bits);
 }
 
+static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS], thirds *third) {
+    *third = cut_thirds(t, MNI_INLINE * (uint64_t)t->nodes + t->more);
+    return lay_out_at(t, refs, third, edge);
+}
+
 uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs) {
     uint16_t edge[FIELDS];
     thirds third;
     return mni_frame_payload_at(refs) + MNI_HEAD_BYTES + lay_out(tally, refs, edge, &third);
+}
+
+/* The best cut seldom moves, and none takes less than the best but for rounding, of rows up to bytes,
+ * thrice. */
+bool mni_tally_fits(mni_tally *tally, uint32_t refs, uint64_t limit_bytes) {
+    uint16_t edge[FIELDS];
+    uint64_t head = mni_frame_payload_at(refs) + MNI_HEAD_BYTES;
+    thirds third = thirds_at(tally, tally->near);
+    if (head + lay_out_at(tally, refs, &third, edge) + 3 <= limit_bytes)
+        return true;
+    uint64_t rows = lay_out(tally, refs, edge, &third);
+    tally->near = third.near;
+    return head + rows <= limit_bytes;
 }
 
 /* ---- the bytes ------------------------------------------------------------------------------ */
