@@ -15,8 +15,9 @@
  *
  * So a block must have a length before it is filled: one of `packed` that is to have exits has all
  * of its bytes.
- * Order: one call. One thread; blocks on the disk. Memory: a block and its draft, and the roots of
- * those that wait. Every block passes the reader's own checks before it is written. Paper: §3.2. */
+ * Order: one call; blocks on the disk. Threads: the caller's, and with desc.threads one that
+ * encodes and writes (block_send.c). Memory: a block and its draft, and the roots of those that
+ * wait. Every block passes the reader's own checks before it is written. Paper: §3.2. */
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -24,8 +25,7 @@
 
 #include "assert.h"
 #include "block_rows.h"
-#include "file.h"
-#include "frame.h"
+#include "block_send.h"
 #include "header.h"
 #include "plan.h"
 #include "tree_rows.h"
@@ -42,13 +42,6 @@ typedef struct pending {
     mn_block_ref place;
 } pending;
 
-/* A block's place and what is said of it there. */
-typedef struct placed {
-    mn_block_ref place;
-    uint32_t parent_id;
-    uint32_t refs, payload_bytes;
-} placed;
-
 typedef struct writer {
     mni_plan plan;
     mni_packer *packer; /* NULL: levels */
@@ -60,10 +53,9 @@ typedef struct writer {
     uint32_t waiting, stack_capacity;
     mni_draft draft, scratch;
     mni_family family;
-    mni_tally tally;
-    mni_rows_run run;
-    unsigned char *bytes;
-    uint32_t bytes_capacity;
+    mni_sender sender;
+    mn_block_ref *ref; /* of the block in the making */
+    uint32_t refs_capacity;
     mni_row_simplex *corner; /* of an overflow block */
     mni_piece *piece;        /* of the overflow blocks of one block's nodes */
     uint32_t *piece_node;    /* known */
@@ -97,42 +89,15 @@ static mn_code check_pages(writer *w) {
     return MN_OK;
 }
 
-/* ---- bytes ---------------------------------------------------------------------------------- */
+/* ---- what the header says of blocks ---------------------------------------------------------- */
 
-static mn_code need_bytes(writer *w, uint32_t length) {
-    if (!mni_plan_room((void **)&w->bytes, length, &w->bytes_capacity, 1))
-        return mn_fail(w->plan.st, MN_FAILED, "no memory for a block of %u bytes", length);
-    return MN_OK;
-}
-
-/* Seals the encoded block, whose references are in place, checks it as a reader does, writes it. */
-static mn_code write_block(writer *w, const placed *b, mni_frame_kind kind) {
+static void count_block(writer *w, const mni_job *job) {
     mn_header *h = w->header;
-    const uint32_t length = b->place.pages * MN_PAGE_BYTES;
-    const mni_frame frame = {.kind = kind,
-                             .refs = b->refs,
-                             .payload_bytes = b->payload_bytes,
-                             .parent_id = b->parent_id};
-    mni_frame_seal(w->bytes, &frame, b->place, h->build_id);
-    mni_block_limits limits = mni_block_limits_of(h);
-    limits.file_bytes = w->pages * MN_PAGE_BYTES;
-    char why[160] = "its frame is wrong";
-    mni_block view;
-    mni_overflow overflow;
-    bool sound =
-        mni_frame_check(w->bytes, b->place, h->build_id, limits.file_bytes) == MNI_FRAME_OK &&
-        (kind == MNI_FRAME_OVERFLOW
-             ? mni_overflow_open(&overflow, w->bytes, length, &limits, why, sizeof why)
-             : mni_block_open(&view, w->bytes, length, &limits, why, sizeof why));
-    if (!sound)
-        return mn_fail(w->plan.st, MN_FAILED, "bug: block %u would not be readable: %s",
-                       b->place.id, why);
+    const uint32_t length = job->place.pages * MN_PAGE_BYTES;
     h->blocks++;
-    w->payload_bytes += b->payload_bytes;
+    w->payload_bytes += job->payload_bytes;
     h->block_bytes_max = length > h->block_bytes_max ? length : h->block_bytes_max;
-    h->children_max = b->refs > h->children_max ? b->refs : h->children_max;
-    return mni_out_write_at(&w->out, (uint64_t)b->place.id * MN_PAGE_BYTES, w->bytes, length,
-                            w->plan.st);
+    h->children_max = job->refs > h->children_max ? job->refs : h->children_max;
 }
 
 static void count_nodes(writer *w, uint32_t nodes, uint32_t depth) {
@@ -184,26 +149,24 @@ static mn_code cut_pieces(writer *w, uint32_t *heads) {
     return code;
 }
 
+/* After what has been posted: chains are too rare to be sent beside the packing. */
 static mn_code write_pieces(writer *w, uint32_t heads, uint32_t parent_id) {
-    mn_code code = MN_OK;
+    mn_code code = heads > 0 ? mni_sender_drain(&w->sender, w->plan.st) : MN_OK;
     uint32_t rest = heads;
     for (uint32_t i = 0; i < heads && code == MN_OK; i++) {
-        uint32_t above = parent_id;
-        for (uint32_t at = i; code == MN_OK;) {
+        mni_job job = {.parent_id = parent_id, .file_bytes = w->pages * MN_PAGE_BYTES};
+        for (uint32_t at = i; code == MN_OK; at = rest++) {
             const mni_piece *piece = &w->piece[at];
-            const placed b = {w->piece_place[at], above, piece->last ? 0 : 1, piece->payload_bytes};
-            code = need_bytes(w, b.place.pages * MN_PAGE_BYTES);
-            if (code == MN_OK)
-                code = mni_piece_encode(&w->plan, &w->draft.known[w->piece_node[i]], piece,
-                                        w->corner, w->bytes, b.place.pages * MN_PAGE_BYTES);
-            if (code == MN_OK && !piece->last)
-                mni_frame_set_ref(w->bytes, 0, w->piece_place[rest]);
-            if (code == MN_OK)
-                code = write_block(w, &b, MNI_FRAME_OVERFLOW);
+            job.place = w->piece_place[at];
+            job.payload_bytes = piece->payload_bytes;
+            job.refs = piece->last ? 0 : 1;
+            job.ref = &w->piece_place[rest];
+            count_block(w, &job);
+            code = mni_sender_overflow(&w->sender, &job, &w->draft.known[w->piece_node[i]], piece,
+                                       w->corner);
             if (piece->last)
                 break;
-            above = b.place.id;
-            at = rest++;
+            job.parent_id = job.place.id;
         }
     }
     return code;
@@ -226,16 +189,22 @@ static mn_code push(writer *w, const mni_run *run, mn_block_ref place, uint32_t 
     return MN_OK;
 }
 
-static mn_code write_whole(writer *w, const mni_run *run, mn_block_ref place, uint32_t parent_id,
-                           uint32_t depth) {
-    const placed b = {place, parent_id, 0, run->payload_bytes};
-    uint32_t length = place.pages * MN_PAGE_BYTES;
-    mn_code code = need_bytes(w, length);
-    if (code == MN_OK)
-        code = mni_whole_encode(&w->plan, w->family.exit + run->first, run->next - run->first,
-                                &run->tally, &w->run, w->bytes, length);
-    count_nodes(w, run->tally.nodes, depth);
-    return code == MN_OK ? write_block(w, &b, MNI_FRAME_METANODE) : code;
+static mn_code post(writer *w, mni_job *job, uint32_t depth) {
+    job->file_bytes = w->pages * MN_PAGE_BYTES;
+    count_block(w, job);
+    count_nodes(w, job->tally.nodes, depth);
+    return mni_sender_post(&w->sender, job) ? MN_OK : MN_FAILED; /* drain tells why */
+}
+
+static mn_code post_whole(writer *w, const mni_run *run, mn_block_ref place, uint32_t parent_id,
+                          uint32_t depth) {
+    mni_job job = {.place = place,
+                   .parent_id = parent_id,
+                   .payload_bytes = run->payload_bytes,
+                   .tally = run->tally,
+                   .exit = w->family.exit + run->first,
+                   .exits = run->next - run->first};
+    return post(w, &job, depth);
 }
 
 /* The family's blocks, which have places from `first` page on: written, or put on the stack. */
@@ -251,7 +220,7 @@ static mn_code send_family(writer *w, uint64_t first, uint32_t parent_id, uint32
         mn_block_ref place = place_run(w, run);
         end = w->pages;
         w->pages = given;
-        code = run->whole ? write_whole(w, run, place, parent_id, depth)
+        code = run->whole ? post_whole(w, run, place, parent_id, depth)
                           : push(w, run, place, parent_id, depth);
     }
     for (uint32_t a = bottom, b = w->waiting; a + 1 < b; a++) { /* the first on top */
@@ -262,32 +231,13 @@ static mn_code send_family(writer *w, uint64_t first, uint32_t parent_id, uint32
     return code;
 }
 
-/* Fills the block, gives places to those below, writes it. */
-static mn_code write_pending(writer *w, const pending *b) {
-    mni_plan *plan = &w->plan;
-    mni_family *f = &w->family;
-    uint32_t heads = 0;
-    mn_code code =
-        w->packer != NULL
-            ? mni_packer_block(w->packer, b->root, b->roots, b->small, &w->draft, f, &w->tally)
-            : mni_levels_block(plan, b->root, &w->draft, &w->scratch, f, &w->tally);
-    if (code == MN_OK)
-        code = cut_pieces(w, &heads);
-    const uint32_t length = b->place.pages * MN_PAGE_BYTES;
-    placed self = {b->place, b->parent_id, f->runs + heads, 0};
-    if (code == MN_OK) {
-        self.payload_bytes = (uint32_t)mni_tally_bytes(&w->tally, self.refs);
-        MN_ASSERT(self.payload_bytes + MNI_BLOCK_TAIL_BYTES <= length);
-        code = need_bytes(w, length);
-    }
-    if (code != MN_OK)
-        return code;
-    const uint64_t first = w->pages;
-    mn_block_ref *ref = malloc(sizeof *ref * (self.refs + 1));
-    if (ref == NULL)
-        return mni_plan_trouble(plan, "references");
+/* Places of the blocks that the draft's refers to, and of its chains. */
+static mn_code place_below(writer *w, uint32_t heads) {
+    const mni_family *f = &w->family;
+    if (!mni_plan_room((void **)&w->ref, f->runs + heads, &w->refs_capacity, sizeof *w->ref))
+        return mni_plan_trouble(&w->plan, "references");
     for (uint32_t r = 0; r < f->runs; r++) {
-        ref[r] = place_run(w, &f->run[r]);
+        w->ref[r] = place_run(w, &f->run[r]);
         for (uint32_t e = f->run[r].first; e < f->run[r].next; e++) {
             w->draft.known[f->exit[e].known].ref = r;
             w->draft.known[f->exit[e].known].subtree = e - f->run[r].first;
@@ -296,17 +246,34 @@ static mn_code write_pending(writer *w, const pending *b) {
     for (uint32_t i = 0; i < w->pieces; i++) {
         w->piece_place[i] = give_place(w, w->piece[i].payload_bytes);
         if (i < heads)
-            ref[f->runs + i] = w->piece_place[i];
+            w->ref[f->runs + i] = w->piece_place[i];
     }
-    code = check_pages(w);
+    return check_pages(w);
+}
+
+/* Fills the block, gives places to those below, sends it. */
+static mn_code write_pending(writer *w, const pending *b) {
+    mni_plan *plan = &w->plan;
+    mni_family *f = &w->family;
+    mni_job job = {.place = b->place, .parent_id = b->parent_id, .draft = &w->draft};
+    uint32_t heads = 0;
+    mn_code code =
+        w->packer != NULL
+            ? mni_packer_block(w->packer, b->root, b->roots, b->small, &w->draft, f, &job.tally)
+            : mni_levels_block(plan, b->root, &w->draft, &w->scratch, f, &job.tally);
+    const uint64_t first = w->pages;
     if (code == MN_OK)
-        code = mni_draft_encode(plan, &w->draft, &w->tally, self.refs, f->runs, w->bytes, length);
-    for (uint32_t r = 0; r < self.refs && code == MN_OK; r++)
-        mni_frame_set_ref(w->bytes, r, ref[r]);
-    free(ref);
-    count_nodes(w, w->draft.listed, b->depth);
+        code = cut_pieces(w, &heads);
     if (code == MN_OK)
-        code = write_block(w, &self, MNI_FRAME_METANODE);
+        code = place_below(w, heads);
+    if (code != MN_OK)
+        return code;
+    job.ref = w->ref;
+    job.refs = f->runs + heads;
+    job.first_overflow = f->runs;
+    job.payload_bytes = (uint32_t)mni_tally_bytes(&job.tally, job.refs);
+    MN_ASSERT(job.payload_bytes + MNI_BLOCK_TAIL_BYTES <= job.place.pages * MN_PAGE_BYTES);
+    code = post(w, &job, b->depth);
     if (code == MN_OK)
         code = write_pieces(w, heads, b->place.id);
     return code == MN_OK ? send_family(w, first, b->place.id, b->depth + 1) : code;
@@ -360,6 +327,16 @@ static mn_code write_blocks(writer *w) {
     }
     while (w->waiting > 0)
         free(w->stack[--w->waiting].root);
+    /* blocks that were sent come before the one that packing failed at */
+    mn_status packing = *w->plan.st;
+    *w->plan.st = (mn_status){0};
+    mn_code sending = mni_sender_drain(&w->sender, w->plan.st);
+    if (sending != MN_OK)
+        return sending;
+    *w->plan.st = packing;
+    mni_found_add(&w->plan.found, mni_sender_found(&w->sender));
+    if (code != MN_OK && packing.code == MN_OK) /* a job could not be kept */
+        return mni_plan_trouble(&w->plan, "blocks that wait");
     return code == MN_OK ? mni_found_check(&w->plan.found, w->plan.head, w->plan.st) : code;
 }
 
@@ -400,14 +377,14 @@ static mn_code write_header(writer *w, const char *path) {
 }
 
 static void close_writer(writer *w) {
+    mni_sender_close(&w->sender);
     mni_packer_close(w->packer);
     mni_draft_free(&w->draft);
     mni_draft_free(&w->scratch);
-    mni_rows_run_free(&w->run);
     free(w->family.exit);
     free(w->family.run);
     free(w->stack);
-    free(w->bytes);
+    free(w->ref);
     free(w->corner);
     free(w->piece);
     free(w->piece_node);
@@ -426,8 +403,10 @@ static mn_code write_file(const char *path, const mn_tree *head, mni_rows *rows,
         code = mni_out_open(&w.out, path, st);
     if (code == MN_OK) {
         begin_header(&w, build_id);
-        code = write_blocks(&w);
+        code = mni_sender_open(&w.sender, &w.plan, &w.out, header, desc->threads, st);
     }
+    if (code == MN_OK)
+        code = write_blocks(&w);
     if (code == MN_OK)
         code = write_header(&w, path);
     if (code == MN_OK)

@@ -201,6 +201,33 @@ mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, const uint32_t *
     return MN_OK;
 }
 
+bool mni_draft_copy_block(const mni_draft *from, mni_draft *to) {
+    uint32_t most = 2 * from->listed + from->roots, n = from->roots;
+    if (!mni_plan_room((void **)&to->known, most, &to->knowns_capacity, sizeof *to->known) ||
+        !mni_plan_room((void **)&to->list, from->listed, &to->list_capacity, sizeof *to->list))
+        return false;
+    to->roots = from->roots;
+    to->listed = from->listed;
+    for (uint32_t i = 0; i < from->listed; i++) { /* roots stay the first */
+        uint32_t at = from->list[i] < from->roots ? from->list[i] : n++;
+        to->known[at] = from->known[from->list[i]];
+        to->list[i] = at;
+    }
+    for (uint32_t i = 0; i < to->listed; i++)
+        for (uint32_t side = 0; side < 2; side++) {
+            uint32_t *child = &to->known[to->list[i]].child[side];
+            const mni_known *k = &from->known[*child == MN_NONE ? 0 : *child];
+            if (*child == MN_NONE)
+                continue;
+            *child = k->taken == MNI_BLOCK_TAKES ? to->list[k->index] : n;
+            if (*child == n)
+                to->known[n++] = *k;
+        }
+    MN_ASSERT(n <= most);
+    to->knowns = n;
+    return true;
+}
+
 /* ---- the bytes ------------------------------------------------------------------------------- */
 
 static mni_child child_of(const mni_draft *draft, uint32_t child) {

@@ -108,6 +108,9 @@ mni_facts mni_plan_facts(const mni_row *row);
 /* ---- drafts --------------------------------------------------------------------------------- */
 
 void mni_draft_free(mni_draft *draft);
+/* The block's nodes and its exits, listed as they are; what else is known stays behind. false: no
+ * memory. */
+bool mni_draft_copy_block(const mni_draft *from, mni_draft *to);
 /* Begins a block with those roots, which stand by leaf_lo; nobody has taken them. */
 mn_code mni_draft_begin(mni_plan *plan, mni_draft *draft, const mni_exit *root, uint32_t roots);
 /* Makes its inner children known. draft->known may move. */
