@@ -61,7 +61,7 @@ static bool plan_memory(mni_order_plan *p, uint64_t leaves, uint64_t work, uint3
     p->nodes_bytes = dealt + size * node + p->chunk_bytes + fixed;
     uint64_t rows = size * row + p->chunk_bytes + fixed;
     if (work < p->dealt_bytes + p->nodes_bytes + 2 * MNI_SORT_BUDGET_MIN ||
-        work < p->dealt_bytes + rows + 4 * MNI_PAGES_BUDGET_MIN)
+        work < p->dealt_bytes + rows + 2 * MNI_PAGES_BUDGET_MIN)
         return false;
     p->sort_bytes = work - p->dealt_bytes - p->nodes_bytes;
     p->rows_bytes = work - p->dealt_bytes;

@@ -32,7 +32,7 @@ typedef struct mni_pages {
 /* Takes all but a little of `budget` from the arena, and never more. */
 void mni_pages_open(mni_pages *p, mni_spill *spill, uint32_t record_bytes, uint32_t page_bytes,
                     uint64_t records, mni_arena *arena, uint64_t budget);
-enum { MNI_PAGES_BUDGET_MIN = 16 << 10 };
+enum { MNI_PAGES_BUDGET_MIN = 64 << 10 };
 
 void *mni_pages_find(mni_pages *p, uint64_t page, bool change);
 /* Record `index`, where it stays until the next call; zero where nothing was written. NULL: the
