@@ -231,6 +231,12 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
         max_u64(MNI_EXTMESH_WORK_MIN, max_u64(mni_rounds_work_min(m->simplify.cell_vertices),
                                               mni_order_work_min(vertices)));
     m->work_bytes = ram == 0 ? 0 : ram > BESIDE_BYTES ? ram - BESIDE_BYTES : 1;
+    const uint64_t less = m->simplify.work_bytes;
+    if (less != 0 && less < need)
+        return mn_fail(m->st, MN_CAP_TOO_SMALL, "%s: %llu bytes to work in are too few: try %llu",
+                       m->in, (unsigned long long)less, (unsigned long long)need);
+    if (less != 0 && (ram == 0 || less < m->work_bytes))
+        m->work_bytes = less;
     if (ram == 0 || m->work_bytes >= need)
         return MN_OK;
     return mn_fail(m->st, MN_CAP_TOO_SMALL,
