@@ -29,7 +29,7 @@ int cli_error(mn_code code, const char *format, ...) {
 static volatile sig_atomic_t interrupted; /* by which signal; 0: by none */
 
 int cli_status(const mn_status *st) {
-    if (st->code == MN_FAILED && strcmp(st->text, "interrupted") == 0 && interrupted != 0)
+    if (st->code == MN_FAILED && interrupted != 0 && strstr(st->text, "interrupted") != NULL)
         cli_error(st->code, "interrupted by SIG%s; what stood there before stands yet",
                   sigabbrev_np(interrupted));
     else if (st->code != MN_OK)

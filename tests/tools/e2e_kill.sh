@@ -36,7 +36,7 @@ await() {
 
 # resumed NAME OUT: goes on with another amount of memory and threads, to the same bytes.
 resumed() {
-    local ways=("" "--work-ram 4M" "-j 1" "--work-ram 5M -j 3")
+    local ways=("" "--ram 16M" "-j 1" "--work-ram 12M -j 3")
     local way=${ways[$((RANDOM % 4))]}
     # shellcheck disable=SC2086 # options are words
     expect 0 "$1, resumed $way" build model.ply -o "$2" --resume $way || return 1
@@ -69,7 +69,7 @@ after_each_phase() {
     local phase kept names=(- reading simplifying ordering)
     for phase in 1 2 3; do
         rm -rf here && mkdir here
-        begin build model.ply -o here/out.mnt --work-ram 4M
+        begin build model.ply -o here/out.mnt --ram 16M
         kept=0
         while kill -0 "$child" 2>/dev/null && [[ $kept -lt $phase ]]; do
             kept=$(od -An -j8 -N1 -tu1 here/out.mnt.work/state 2>/dev/null | tr -d ' ') || true
@@ -168,7 +168,7 @@ full_disks() {
     rm out.mnt
     for ((i = 0; i < times / 5; i++)); do
         mount -t tmpfs -o "size=$((planned + (1 << 20)))" none disk
-        begin build model.ply -o out.mnt --work-ram 4M --temp-dir disk
+        begin build model.ply -o out.mnt --ram 16M --temp-dir disk
         sleep "$(moment)"
         head -c "$((planned * 2))" /dev/zero >disk/full 2>/dev/null || true
         await

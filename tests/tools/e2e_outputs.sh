@@ -104,7 +104,7 @@ END
     for command in "${whole[@]}"; do
         echo 'the old file' >small/out
         # shellcheck disable=SC2086
-        expect 4 "ulimit -f: $command" $command small/out && one_line "ulimit -f: $command" small/out ulimit
+        expect 4 "ulimit -f: $command" $command small/out && one_line "ulimit -f: $command" small ulimit
         still "ulimit -f: $command" small/out
     done
     for command in "${logs[@]}"; do

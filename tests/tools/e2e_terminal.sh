@@ -34,10 +34,11 @@ phases() {
 
 expect 0 model make sphere --triangles 250000 -o ball.ply || finish
 part phases make making -- make isosurface --triangles 3000000 -o rock.ply
-part phases build read simplify blocking writing -- build ball.ply -o ball.mnt
+part phases build read number check grid simplify order blocking -- build ball.ply -o ball.mnt
 check "a build shows more than once" test "$(wc -l <lines)" -gt 4
-part phases simplify read simplify -- simplify ball.ply -o ball.vdt
-part phases block loading blocking writing -- block ball.mnt -o other.mnt
+part phases simplify read number check grid simplify order writing -- simplify ball.ply -o ball.vdt
+part phases block checking blocking -- block ball.vdt -o other.mnt
+part phases block loading blocking -- block ball.mnt -o other.mnt
 part phases verify read loading -- verify ball.mnt --against ball.ply
 part phases extract loading -- extract ball.mnt --triangles 9000 -o coarse.ply
 part phases compare read measuring -- compare ball.ply coarse.ply --samples 300000
