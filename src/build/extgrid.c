@@ -13,6 +13,7 @@
 #include "extsort.h"
 #include "grid.h"
 #include "mem.h"
+#include "unit.h"
 #include "watch.h"
 
 enum { AXIS_BITS = 21 };
@@ -131,6 +132,8 @@ static bool move_vertices(gridder *g, uint64_t *after) {
         for (int i = 0; i < 3; i++)
             v.position[i] = mni_grid_round(v.position[i], (float)g->step);
         uint64_t number = number_of(g, v.position);
+        for (int i = 0; i < 3; i++)
+            v.position[i] = mni_unit_length(v.position[i], -g->mesh->unit);
         mni_sort_put(sort, &number);
         mni_spill_put(&w, &v, sizeof v);
     }
@@ -151,6 +154,10 @@ static mn_code quantise(gridder *g, uint32_t bits) {
         return g->st->code;
     g->mesh->grid_step = mni_grid_step(g->low, g->high, bits);
     g->step = (double)g->mesh->grid_step;
+    float most = 0;
+    for (int i = 0; i < 3; i++)
+        most = fmaxf(most, fmaxf(fabsf(g->low[i]), fabsf(g->high[i])));
+    g->mesh->unit = mni_unit_of_most(most);
     if (!move_vertices(g, &after))
         return g->st->code;
     if (before > after) /* two hashes alike may make `before` one too few */

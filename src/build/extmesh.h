@@ -33,6 +33,7 @@ typedef struct mni_extmesh {
     bool has_colors;
     bool welded;     /* no two vertices in one place, but for merged_positions */
     float grid_step; /* as mn_mesh.grid_step */
+    int unit;        /* positions, but not grid_step, count in 2^unit (unit.h) */
     mn_intake intake;
     uint64_t boundary_edges, nonmanifold_edges;
     uint64_t bytes_read, bytes_written; /* of temporary files, on the way */
@@ -53,7 +54,7 @@ typedef struct mni_extmesh_desc {
  * failure *out is closed. */
 mn_code mni_extmesh_read(const char *path, const mn_read_desc *read, const mni_extmesh_desc *desc,
                          mni_extmesh *out, mn_status *st);
-/* As mn_mesh_quantise, on the disk: vertices are written anew. */
+/* As mn_mesh_quantise, on the disk: vertices are written anew, in a unit that suits floats. */
 mn_code mni_extmesh_quantise(mni_extmesh *mesh, uint32_t bits, const mni_extmesh_desc *desc,
                              mn_status *st);
 /* A mesh in memory written out. vertex_of: of each id, its vertex there; the caller's. Memory: 24

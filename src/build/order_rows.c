@@ -14,6 +14,7 @@
 #include "assert.h"
 #include "order_parts.h"
 #include "rows.h"
+#include "unit.h"
 #include "varint.h"
 
 enum { PAGE_BYTES = 1024, COUNT_MANY = 255, ALIGN = 16 };
@@ -71,8 +72,8 @@ static void take_row(rows *r, const unsigned char **from) {
         row->right = at + right;
     else
         r->id[i] = right;
-    row->switch_value = mni_facts_value_of(facts & 0x1fff);
-    row->radius = mni_facts_radius_of(bounds);
+    row->switch_value = mni_unit_length(mni_facts_value_of(facts & 0x1fff), r->w->mesh->unit);
+    row->radius = mni_unit_length(mni_facts_radius_of(bounds), r->w->mesh->unit);
     row->cone = mni_facts_cone_of(bounds);
     row->simplex_start = (uint32_t)mni_varint_get(from); /* how many, for now */
 }
@@ -111,7 +112,7 @@ static mn_code place_leaf(rows *r, uint32_t i) {
     if (v == NULL || leaf == NULL)
         return trouble(v == NULL ? &w->mesh->vertex : &w->leaf_of, w->st);
     for (int c = 0; c < 3; c++) /* -0 becomes 0: blocks hold differences */
-        r->row[i].position[c] = v->position[c] + 0.0f;
+        r->row[i].position[c] = mni_unit_length(v->position[c], w->mesh->unit) + 0.0f;
     r->row[i].rgba = w->mesh->has_colors ? v->rgba : UINT32_MAX;
     *leaf = r->first + i;
     return MN_OK;

@@ -4,21 +4,24 @@
  * edges of 2^-12 of the model 2^-78 of the fourth power of its size, and at the top up to 2^6 of
  * it. Floats hold 2^-126 … 2^127, so that models of 2^-8 … 2^24 keep their unit, and others, a
  * molecule in metres or a nebula in kilometres, get one in which they are about 1. Units are powers
- * of two: no bit of a tree depends on them. One call each, in that order. Memory: the caller's. */
+ * of two: no bit of a tree depends on them. No order but undo after apply. Memory: the caller's. */
 #include "unit.h"
 
-#include <math.h>
 #include <stdlib.h>
 
 enum { LEAST = -8, MOST = 24 };
 
-int mni_unit_of(const mn_mesh *mesh) {
-    float most = 0;
+int mni_unit_of_most(float most) {
     int exponent = 0;
-    for (size_t i = 0; i < (size_t)mesh->vertices * 3; i++)
-        most = fmaxf(most, fabsf(mesh->position[i]));
     (void)frexpf(most, &exponent);
     return exponent < LEAST || exponent > MOST ? exponent : 0;
+}
+
+int mni_unit_of(const mn_mesh *mesh) {
+    float most = 0;
+    for (size_t i = 0; i < (size_t)mesh->vertices * 3; i++)
+        most = fmaxf(most, fabsf(mesh->position[i]));
+    return mni_unit_of_most(most);
 }
 
 static void scale(float *length, size_t count, int exponent) {

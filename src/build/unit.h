@@ -3,11 +3,18 @@
 #ifndef MNI_UNIT_H
 #define MNI_UNIT_H
 
+#include <math.h>
 #include <stdbool.h>
 
 #include "metanode/build.h"
 
-/* The exponent of two of the unit that suits the mesh; 0: the mesh's own. */
+/* The exponent of two of the unit that suits coordinates up to `most`; 0: their own. */
+int mni_unit_of_most(float most);
+/* A length in such a unit, in the unit that it came in; −unit: the other way. */
+static inline float mni_unit_length(float length, int unit) {
+    return unit == 0 ? length : ldexpf(length, unit);
+}
+/* Of a mesh. */
 int mni_unit_of(const mn_mesh *mesh);
 /* The mesh in that unit: *out has positions of its own, 12 bytes a vertex, to be freed by the
  * caller, and shares the rest. false: no memory. */

@@ -82,6 +82,7 @@ typedef struct read_facts {
     uint64_t boundary_edges, nonmanifold_edges;
     float grid_step;
     uint32_t has_colors, welded;
+    int32_t unit;
     mn_vdt_figures figures;
 } read_facts;
 
@@ -127,6 +128,7 @@ static read_facts facts_of_mesh(const maker *m) {
     f.grid_step = m->mesh.grid_step;
     f.has_colors = m->mesh.has_colors;
     f.welded = m->mesh.welded;
+    f.unit = m->mesh.unit;
     f.figures = m->vdt->figures;
     return f;
 }
@@ -141,6 +143,7 @@ static void take_mesh_facts(maker *m, const read_facts *f) {
     m->mesh.grid_step = f->grid_step;
     m->mesh.has_colors = f->has_colors != 0;
     m->mesh.welded = f->welded != 0;
+    m->mesh.unit = f->unit;
     m->vdt->figures = f->figures;
 }
 

@@ -2,6 +2,7 @@
  * Method: trees by lot, forests, chains and single vertices written and read back; rows compared
  * with what each node is by its definition. */
 #include <check.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -322,6 +323,47 @@ START_TEST(work_that_was_kept_is_gone_on_from) {
 }
 END_TEST
 
+/* A mesh from a file, of which all lengths are made 2^exponent as long: its tree, in the lengths it
+ * had. */
+static void tree_in_unit(int exponent, mn_tree *t) {
+    char in[128], out[128];
+    mn_mesh mesh;
+    mn_status st = {0};
+    mn_vdt *vdt = NULL;
+    const mn_simplify_desc desc = {.temp_dir = "."};
+    snprintf(in, sizeof in, "%s", fixture_path("unit.ply"));
+    snprintf(out, sizeof out, "%s", fixture_path("unit.vdt"));
+    fixture_sheet(30, 3, false, &mesh);
+    for (size_t i = 0; i < (size_t)mesh.vertices * 3; i++)
+        mesh.position[i] = ldexpf(mesh.position[i], exponent);
+    ck_assert_msg(mn_mesh_write_ply(in, &mesh, &st) == MN_OK, "%s", st.text);
+    mn_mesh_free(&mesh);
+    ck_assert_msg(mn_vdt_make(in, NULL, &desc, NULL, &vdt, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_vdt_write(vdt, out, NULL, &st) == MN_OK, "%s", st.text);
+    mn_vdt_close(vdt);
+    ck_assert_msg(mn_tree_read(out, t, &st) == MN_OK, "%s", st.text);
+    t->grid_step = ldexpf(t->grid_step, -exponent);
+    for (size_t i = 0; i < (size_t)t->leaves * 3; i++)
+        t->leaf_position[i] = ldexpf(t->leaf_position[i], -exponent);
+    for (uint32_t i = 0; i < t->inner; i++) {
+        t->switch_value[i] = ldexpf(t->switch_value[i], -exponent);
+        t->radius[i] = ldexpf(t->radius[i], -exponent);
+    }
+}
+
+START_TEST(a_file_in_any_unit) {
+    static const int exponents[] = {-80, -40, 20, 40, 60};
+    mn_tree first, other;
+    tree_in_unit(0, &first);
+    for (size_t i = 0; i < sizeof exponents / sizeof *exponents; i++) {
+        tree_in_unit(exponents[i], &other);
+        fixture_same(&first, &other);
+        mn_tree_free(&other);
+    }
+    mn_tree_free(&first);
+}
+END_TEST
+
 START_TEST(what_cannot_be_made_is_refused) {
     mn_status st = {0};
     mn_vdt *vdt = NULL;
@@ -357,6 +399,7 @@ int main(void) {
     tcase_add_loop_test(t, made_written_opened_and_blocked, 0, 2);
     tcase_add_test(t, memory_and_threads_change_nothing);
     tcase_add_loop_test(t, work_that_was_kept_is_gone_on_from, 0, 4);
+    tcase_add_test(t, a_file_in_any_unit);
     tcase_add_test(t, what_cannot_be_made_is_refused);
     suite_add_tcase(s, t);
     return suite_run(s);
