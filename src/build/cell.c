@@ -151,7 +151,7 @@ static bool places_open(places *p, const mni_wire_vertex *vertex, uint32_t count
 
 typedef enum kind { TRIANGLE, HINGE, PASSING } kind;
 
-/* Where its corners stand in the cell, written over its vertices: their ids are known there. */
+/* Where its corners stand in the cell. */
 static kind stand(const places *p, const mni_wire_vertex *vertex, const mni_wire_simplex *x,
                   uint32_t v[3]) {
     bool inside = true, hinge = x->v[2] == MN_NONE;
@@ -252,8 +252,14 @@ static mn_code load_vertices(mni_cell *cell, const mni_wire_vertex *vertex, mn_s
     return MN_OK;
 }
 
+/* Gives the memory of those that have been loaded back. */
+static void keep_passing(mni_wire_simplex **simplex, uint32_t passing) {
+    mni_wire_simplex *kept = realloc(*simplex, ((size_t)passing + 1) * sizeof *kept);
+    *simplex = kept != NULL ? kept : *simplex;
+}
+
 mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, mni_wire_vertex **vertex,
-                            uint32_t vertices, mni_wire_simplex *simplex, uint32_t simplices,
+                            uint32_t vertices, mni_wire_simplex **simplex, uint32_t simplices,
                             uint32_t *passing, mn_status *st) {
     places p;
     uint32_t count[2] = {0, 0};
@@ -261,11 +267,12 @@ mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, mni_wire_
     *passing = 0;
     if (!places_open(&p, *vertex, vertices))
         return no_memory(vertices, st);
-    *passing = sort_out(&p, *vertex, simplex, simplices, count);
+    *passing = sort_out(&p, *vertex, *simplex, simplices, count);
     mn_code code = take_room(cell, vertices, count[TRIANGLE], count[HINGE], st);
     if (code == MN_OK)
-        load_simplices(cell, &p, *vertex, simplex + *passing, simplices - *passing);
+        load_simplices(cell, &p, *vertex, *simplex + *passing, simplices - *passing);
     free(p.at);
+    keep_passing(simplex, *passing);
     if (code == MN_OK)
         code = load_vertices(cell, *vertex, st);
     free(*vertex);
@@ -475,6 +482,17 @@ bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out) {
     memcpy(out->origin, &s->origin[3 * (size_t)x], sizeof out->origin);
     mni_wire_put_normal(out, x < cell->triangles ? &cell->s.judge.normal[3 * (size_t)x] : none);
     return v[least] < cell->own;
+}
+
+/* The most is held while simplices are loaded: records, and what the surface has without
+ * witnesses' sets; or, as much, vertices without simplices, and the sets. Of the first round's
+ * cells, less. */
+uint64_t mni_cell_bytes(uint64_t vertices, uint64_t simplices) {
+    uint64_t a_vertex = sizeof(mni_wire_vertex) + sizeof(mni_vertex) + sizeof(mni_cell_node) +
+                        16 /* pool */ + 16 /* part */ + 8 /* seen */ + 16 /* places */;
+    uint64_t a_simplex = sizeof(mni_wire_simplex) + sizeof(mni_simplex) + 12 /* origin */ +
+                         16 /* pool */ + 12 /* normal */ + 4 /* number */;
+    return vertices * a_vertex + simplices * a_simplex;
 }
 
 void mni_cell_close(mni_cell *cell) {

@@ -69,10 +69,10 @@ typedef struct mni_cell {
 /* Of the first round: vertices are leaves. */
 mn_code mni_cell_open_dealt(mni_cell *cell, const mni_cell_desc *desc, const mni_hand *hand,
                             mn_status *st);
-/* Records as a round took them, in order. vertex is freed; simplex keeps the first *passing
- * records: those with a vertex in another cell. */
+/* Records as a round took them, in order. *vertex is freed; *simplex is cut down to the first
+ * *passing records: those with a vertex in another cell. */
 mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, mni_wire_vertex **vertex,
-                            uint32_t vertices, mni_wire_simplex *simplex, uint32_t simplices,
+                            uint32_t vertices, mni_wire_simplex **simplex, uint32_t simplices,
                             uint32_t *passing, mn_status *st);
 mn_code mni_cell_run(mni_cell *cell, mn_status *st);
 /* Gives collapses and hinges made here their numbers, after those of the cells before. */
@@ -83,5 +83,7 @@ bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out);
  * cell's, which is that of its vertex with the least id. */
 bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out);
 void mni_cell_close(mni_cell *cell); /* harmless on a closed one */
+/* Bytes that a cell takes at its peak, records included. */
+uint64_t mni_cell_bytes(uint64_t vertices, uint64_t simplices);
 
 #endif

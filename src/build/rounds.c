@@ -42,7 +42,10 @@ enum { SLACKS = sizeof slack / sizeof slack[0] };
  * places all over the model). */
 enum { STUCK_PART = 64, STUCK_ROUNDS = 2 };
 
-enum { THREADS_MAX = 16 };
+/* Of what is left beside the usual cells, this part is for those that are not. */
+enum { SPARE_PART = 4 };
+
+enum { THREADS_MAX = 16, MMAP_BYTES = 64 << 10 };
 
 enum { VERTICES, SIMPLICES, SIGHTS, STREAMS };
 static const uint32_t record_bytes[STREAMS] = {sizeof(mni_wire_vertex), sizeof(mni_wire_simplex),
@@ -64,8 +67,9 @@ typedef struct rounds {
     mni_curve curve, next_curve;
     float low[3], high[3];
     uint32_t round;
-    bool whole;          /* the last one */
-    uint64_t sort_bytes; /* memory for sorting; 0: no bound */
+    bool whole;           /* the last one */
+    uint64_t sort_bytes;  /* memory for sorting; 0: no bound */
+    uint64_t cells_bytes; /* for cells, all threads together */
     int stage;
     uint32_t slack, stuck; /* index of slack[]; rounds */
     uint32_t cell_vertices;
@@ -79,6 +83,8 @@ typedef struct rounds {
     stream now[STREAMS];
     mni_deal *deal;                            /* the first round's */
     uint32_t threads_started, taken, numbered; /* cells */
+    bool taking;
+    uint64_t used_bytes; /* by the cells that are open */
     mni_history *history;
     mn_code code;
     mn_status *st;
@@ -125,6 +131,7 @@ typedef struct job {
     mni_wire_vertex *vertex;
     mni_wire_simplex *simplex;
     uint32_t vertices, simplices, simplices_room;
+    uint64_t bytes; /* at its peak */
     mni_cell cell;
 } job;
 
@@ -155,6 +162,17 @@ static mn_code take_vertices(rounds *r, uint32_t c, job *j) {
     return r->st->code;
 }
 
+/* Under the lock: whether such a cell fits at all. */
+static mn_code check_room(const rounds *r, uint64_t bytes) {
+    if (bytes <= r->cells_bytes)
+        return MN_OK;
+    uint64_t more = bytes - r->cells_bytes; /* of which cells get a share */
+    uint64_t all = MNI_PROGRAM_BYTES + r->desc.work_bytes + SPARE_PART * more;
+    return mn_fail(r->st, MN_CAP_TOO_SMALL,
+                   "a part of the model that cannot be cut takes %llu MB; try --ram %lluM",
+                   (unsigned long long)(bytes >> 20), (unsigned long long)((all >> 20) + 1));
+}
+
 /* Under the lock: the simplices whose first corner is in the cell. */
 static mn_code take_simplices(rounds *r, job *j) {
     mni_wire_head last = j->vertex[j->vertices - 1].at;
@@ -164,6 +182,8 @@ static mn_code take_simplices(rounds *r, job *j) {
     while ((from = peek(&r->now[SIMPLICES])) != NULL && mni_wire_order(&from->at, &last) <= 0) {
         if (j->simplices == j->simplices_room) {
             uint32_t room = j->simplices_room + j->simplices_room / 4 + 2 * j->vertices + 64;
+            if (check_room(r, mni_cell_bytes(j->vertices, j->simplices)) != MN_OK)
+                return r->st->code;
             mni_wire_simplex *more = realloc(j->simplex, room * sizeof *more);
             if (more == NULL)
                 return mn_fail(r->st, MN_FAILED, "out of memory for %u simplices", room);
@@ -176,11 +196,39 @@ static mn_code take_simplices(rounds *r, job *j) {
     return r->st->code;
 }
 
-static mn_code take_cell(rounds *r, uint32_t c, job *j) {
-    if (r->round == 0)
-        return mni_deal_next(r->deal, &j->hand, r->st);
+static mn_code take_records(rounds *r, uint32_t c, job *j) {
+    if (r->round == 0) {
+        mn_code code = mni_deal_next(r->deal, &j->hand, r->st);
+        j->bytes = mni_cell_bytes(j->hand.vertices + j->hand.ghosts, j->hand.triangles);
+        return code;
+    }
     mn_code code = take_vertices(r, c, j);
-    return code == MN_OK ? take_simplices(r, j) : code;
+    if (code == MN_OK)
+        code = take_simplices(r, j);
+    j->bytes = mni_cell_bytes(j->vertices, j->simplices);
+    return code;
+}
+
+/* Under the lock; one thread at a time. Waits until there is room for the cell beside those that
+ * are open: these do not wait for it. */
+static mn_code take_cell(rounds *r, uint32_t *c, job *j) {
+    while (r->taking)
+        pthread_cond_wait(&r->turn, &r->lock);
+    j->bytes = 0;
+    *c = r->taken;
+    if (r->taken == r->cells || r->code != MN_OK)
+        return r->code;
+    r->taking = true;
+    r->taken++;
+    mn_code code = take_records(r, *c, j);
+    if (code == MN_OK)
+        code = check_room(r, j->bytes);
+    while (code == MN_OK && r->used_bytes + j->bytes > r->cells_bytes && r->used_bytes > 0)
+        pthread_cond_wait(&r->turn, &r->lock);
+    r->used_bytes += j->bytes;
+    r->taking = false;
+    pthread_cond_broadcast(&r->turn);
+    return code;
 }
 
 /* ---- what goes on to the next round --------------------------------------------------------- */
@@ -339,7 +387,7 @@ static mn_code open_cell(const rounds *r, uint32_t thread, job *j, mn_status *st
         return mni_cell_open_dealt(&j->cell, &desc, &j->hand, st);
     outlet o = outlet_of(r, thread);
     uint32_t passing;
-    mn_code code = mni_cell_open_taken(&j->cell, &desc, &j->vertex, j->vertices, j->simplex,
+    mn_code code = mni_cell_open_taken(&j->cell, &desc, &j->vertex, j->vertices, &j->simplex,
                                        j->simplices, &passing, st);
     give_passing(&o, j->simplex, passing);
     free(j->simplex);
@@ -350,11 +398,15 @@ static mn_code open_cell(const rounds *r, uint32_t thread, job *j, mn_status *st
 
 /* Under the lock, which it leaves while it works. */
 static mn_code do_cell(rounds *r, uint32_t thread, job *j, mn_status *st) {
-    uint32_t c = r->taken++;
+    uint32_t c;
     outlet o = outlet_of(r, thread);
-    mn_code code = take_cell(r, c, j);
+    mn_code code = take_cell(r, &c, j);
     if (code != MN_OK)
         *st = *r->st;
+    if (code != MN_OK || c == r->cells) {
+        r->used_bytes -= j->bytes;
+        return code;
+    }
     pthread_mutex_unlock(&r->lock);
     if (code == MN_OK)
         code = open_cell(r, thread, j, st);
@@ -368,6 +420,8 @@ static mn_code do_cell(rounds *r, uint32_t thread, job *j, mn_status *st) {
         code = give_cell(&o, &j->cell, st);
     mni_cell_close(&j->cell);
     pthread_mutex_lock(&r->lock);
+    r->used_bytes -= j->bytes;
+    pthread_cond_broadcast(&r->turn);
     return code;
 }
 
@@ -513,12 +567,20 @@ static mn_code open_deal(rounds *r) {
     return code;
 }
 
+/* Where there are more simplices than a surface has, cells are as much smaller. */
+static uint32_t count_cells(const rounds *r) {
+    uint64_t usual = (uint64_t)r->vertices * 5 / 2 + 1, size = r->cell_vertices;
+    if (r->simplices > usual)
+        size = size * usual / r->simplices + 1;
+    return (uint32_t)((r->vertices + size - 1) / size);
+}
+
 static mn_code all_rounds(rounds *r) {
     mn_code code = MN_OK;
     r->stage = 1;
     for (r->round = 0; code == MN_OK && !r->whole; r->round++) {
         uint32_t before = r->history->collapses, vertices = r->vertices;
-        r->cells = (uint32_t)(((uint64_t)r->vertices + r->cell_vertices - 1) / r->cell_vertices);
+        r->cells = count_cells(r);
         r->whole = r->cells == 1;
         if (r->round == 0)
             code = open_deal(r);
@@ -536,29 +598,31 @@ static mn_code all_rounds(rounds *r) {
     return code;
 }
 
-/* Of a cell's vertex, with all that a run takes, and what the allocator keeps. */
-enum { CELL_BYTES = 1000, SORT_BYTES_MIN = 2 << 20 };
+enum { SORT_BYTES_MIN = 2 << 20 };
 
-static uint64_t cells_bytes(uint64_t vertices, uint64_t threads) {
-    return vertices * threads * CELL_BYTES;
+/* Of a cell of so many vertices of a surface, with what comes from beside it. */
+static uint64_t usual_bytes(uint64_t vertices) {
+    return mni_cell_bytes(vertices + vertices / 16, 2 * vertices + vertices / 3);
 }
 
 uint64_t mni_rounds_work_min(uint32_t cell_vertices) {
-    return cells_bytes(cell_vertices > 0 ? cell_vertices : MNI_CELL_VERTICES, 1) + SORT_BYTES_MIN;
+    return usual_bytes(cell_vertices > 0 ? cell_vertices : MNI_CELL_VERTICES) + SORT_BYTES_MIN;
 }
 
 /* Half of the memory for cells at most; threads only where there is room for their cells. */
 static void plan_memory(rounds *r) {
     mni_rounds_desc *d = &r->desc;
-    uint64_t work = d->work_bytes;
     d->threads = d->threads == 0 ? 1 : d->threads < THREADS_MAX ? d->threads : THREADS_MAX;
     r->cell_vertices = d->cell_vertices > 0 ? d->cell_vertices : MNI_CELL_VERTICES;
-    if (work == 0)
+    r->cells_bytes = UINT64_MAX / 2;
+    if (d->work_bytes == 0)
         return;
-    while (d->threads > 1 && cells_bytes(r->cell_vertices, d->threads) > work / 2)
+    uint64_t one = usual_bytes(r->cell_vertices);
+    while (d->threads > 1 && one * d->threads > d->work_bytes / 2)
         d->threads--;
-    uint64_t cells = cells_bytes(r->cell_vertices, d->threads);
-    r->sort_bytes = work > cells ? work - cells : 1;
+    r->cells_bytes = one * d->threads;
+    r->cells_bytes += (d->work_bytes - r->cells_bytes) / SPARE_PART;
+    r->sort_bytes = d->work_bytes - r->cells_bytes;
 }
 
 mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *out,
@@ -568,11 +632,19 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
                 .st = st,
                 .history = out,
                 .vertices = (uint32_t)mesh->vertices,
+                .simplices = mesh->triangles,
                 .lock = PTHREAD_MUTEX_INITIALIZER,
                 .turn = PTHREAD_COND_INITIALIZER};
+    uint64_t least = mni_rounds_work_min(desc->cell_vertices);
+    *out = (mni_history){.collapse.fd = -1, .killed.fd = -1};
+    if (desc->work_bytes > 0 && desc->work_bytes < least)
+        return mn_fail(st, MN_CAP_TOO_SMALL, "simplifying needs --ram %lluM",
+                       (unsigned long long)((least + MNI_PROGRAM_BYTES) >> 20) + 1);
     uint64_t read_before = mesh->vertex.bytes_read + mesh->triangle.bytes_read;
     MN_ASSERT(mesh->vertices > 1 && mesh->vertices < MNI_COLLAPSE);
     plan_memory(&r);
+    /* What cells take comes and goes: a heap would keep it, and more with each cell. */
+    mallopt(M_MMAP_THRESHOLD, MMAP_BYTES);
     mn_code code = mni_history_open(out, desc->temp_dir, desc->keep, st);
     if (code == MN_OK)
         code = all_rounds(&r);
