@@ -1,8 +1,9 @@
 /* Where the camera is going, and which blocks it will want there. See ahead.h.
  *
  * Hides: the extrapolation, what counts as a jump, and when a node will be wanted: between now and
- * the horizon its error on the screen is taken to rise by equal factors in equal times, as it does
- * for a camera that dives.
+ * then its error on the screen is taken to rise by equal factors in equal times, as it does for a
+ * camera that dives. The front has its turn with the camera at the horizon and half-way to it: what
+ * only passes through the picture is not wanted at the end.
  *
  * Navigate only; no memory besides the struct. Paper: §5 (future work). */
 #include "ahead.h"
@@ -13,22 +14,45 @@
  * camera is somewhere else, and nothing is known of where it goes. */
 #define JUMP_TIMES 8.0f
 #define JUMP_SHARE 0.05f
+/* Steps that differ by more than this share of one are no smooth motion: a start, a stop, a hand.
+ */
+#define SMOOTH_SHARE 0.25f
 
 static float length_of(const float v[3]) {
     return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 }
 
+/* Where a point goes on to, with the step that it made last and, where it moves smoothly, with the
+ * change of its steps: a turn stays a turn. That adds as much as the step at most. */
+static float go_on(const float before[3], const float last[3], const float now[3], float frames,
+                   float there[3]) {
+    float step[3], change[3];
+    for (int i = 0; i < 3; i++) {
+        step[i] = now[i] - last[i];
+        change[i] = step[i] - (last[i] - before[i]);
+    }
+    const float most = frames * length_of(step),
+                bend = frames * (frames + 1) / 2 * length_of(change);
+    float share = bend > most ? most / bend : 1;
+    if (length_of(change) > SMOOTH_SHARE * length_of(step))
+        share = 0;
+    for (int i = 0; i < 3; i++)
+        there[i] = now[i] + frames * step[i] + share * frames * (frames + 1) / 2 * change[i];
+    return most;
+}
+
 bool mni_ahead_extrapolate(mni_ahead *a, const mn_camera *camera, float frames, mn_camera *out) {
-    const float *from[3] = {a->last.eye, a->last.target, a->last.up};
-    const float *to[3] = {camera->eye, camera->target, camera->up};
-    *out = *camera;
-    float *there[3] = {out->eye, out->target, out->up}, moved = 0;
-    for (int what = 0; what < 3; what++)
+    mn_camera before = a->before;
+    if (!a->has_before) /* as if it had gone on as it does now */
         for (int i = 0; i < 3; i++) {
-            const float step = to[what][i] - from[what][i];
-            moved = fmaxf(moved, fabsf(step));
-            there[what][i] = to[what][i] + frames * step;
+            before.eye[i] = 2 * a->last.eye[i] - camera->eye[i];
+            before.target[i] = 2 * a->last.target[i] - camera->target[i];
+            before.up[i] = 2 * a->last.up[i] - camera->up[i];
         }
+    *out = *camera;
+    float moved = go_on(before.eye, a->last.eye, camera->eye, frames, out->eye);
+    moved += go_on(before.target, a->last.target, camera->target, frames, out->target);
+    moved += go_on(before.up, a->last.up, camera->up, frames, out->up);
     return moved > 0;
 }
 
@@ -47,20 +71,26 @@ void mni_ahead_begin(mni_ahead *a, const mn_camera *camera, const mni_lens *now,
     if (a->look.moves) {
         mni_lens_make(&a->look.ahead, &there, width_px, height_px, size, now->tolerance_px,
                       weights);
-        mni_sieve_make(&a->sieve, &a->look.ahead, coordinate_max);
+        a->frames = a->near ? MNI_AHEAD_NEAR : MNI_AHEAD_HORIZON;
+        a->there = a->look.ahead;
+        if (a->near && mni_ahead_extrapolate(a, camera, MNI_AHEAD_NEAR, &there))
+            mni_lens_make(&a->there, &there, width_px, height_px, size, now->tolerance_px, weights);
+        mni_sieve_make(&a->sieve, &a->there, coordinate_max);
     }
     for (int i = 0; i < 3; i++)
         a->step[i] = jumped ? 0 : step[i];
+    a->before = a->last;
+    a->has_before = a->has_last && !jumped;
     a->last = *camera;
     a->has_last = true;
 }
 
 /* Frames until an error that is now_px, and there_px at the horizon, crosses the tolerance. */
-static uint32_t frames_until(double now_px, double there_px, double tolerance_px) {
+static uint32_t frames_until(double now_px, double there_px, double tolerance_px, uint32_t frames) {
     if (!(now_px > 0) || !(there_px > 0) || now_px == there_px)
-        return MNI_AHEAD_HORIZON;
+        return frames;
     const double share = log(tolerance_px / now_px) / log(there_px / now_px);
-    return (uint32_t)(MNI_AHEAD_HORIZON * fmin(fmax(share, 0), 1));
+    return (uint32_t)(frames * fmin(fmax(share, 0), 1));
 }
 
 static void exit_foresee(mni_front *front, uint32_t slot, uint32_t frames) {
@@ -75,25 +105,42 @@ void mni_ahead_know(mni_ahead *a, mni_front_ref node) {
     a->known[node.slot % MNI_AHEAD_KNOWN] = node.order;
 }
 
+/* What must be split before the node, as far as it stands in the front: the exits among it. Most
+ * blocks are needed by splits that another one forces, and this costs a ring a node, where a
+ * rehearsal carries the splits out; that alone sees what is below them. */
+static void forced_foresee(mni_front *front, uint32_t slot, uint32_t frames) {
+    mni_front_ref forced[MNI_AHEAD_FORCED];
+    uint32_t count = 0;
+    for (uint32_t i = 0;; slot = forced[i++].slot) {
+        if (!mni_front_is_long(&front->node[slot]) && count < MNI_AHEAD_FORCED)
+            count +=
+                mni_front_split_blockers(front, slot, forced + count, MNI_AHEAD_FORCED - count);
+        if (i == count)
+            break;
+        if ((front->node[forced[i].slot].flags & MNI_NODE_EXIT) != 0)
+            exit_foresee(front, forced[i].slot, frames);
+    }
+}
+
 /* A node that is not wanted now and will be. */
 static void foresee_split(mni_ahead *a, mni_front *front, uint32_t slot) {
     if (!mni_front_is_active(front, slot) || mni_front_is_leaf(front, slot))
         return;
     const mni_bounds bounds = mni_front_bounds(front, slot);
     const double tolerance_px = a->look.now.tolerance_px;
-    const double there_px = mni_lens_priority(&a->look.ahead, &bounds);
+    const double there_px = mni_lens_priority(&a->there, &bounds);
     if (!(there_px > tolerance_px))
         return;
     const double now_px = mni_lens_priority(&a->look.now, &bounds);
     if (now_px > tolerance_px)
         return; /* asked for as it is */
-    const uint32_t frames = frames_until(now_px, there_px, tolerance_px);
+    const uint32_t frames = frames_until(now_px, there_px, tolerance_px, a->frames);
     const mni_front_ref node = mni_front_ref_of(front, slot);
     if (a->splits < MNI_AHEAD_SPLITS && a->known[slot % MNI_AHEAD_KNOWN] != node.order)
         a->split[a->splits++] = (mni_ahead_split){node, frames};
-    if ((front->node[slot].flags & MNI_NODE_EXIT) == 0)
-        return;
-    exit_foresee(front, slot, frames);
+    forced_foresee(front, slot, frames);
+    if ((front->node[slot].flags & MNI_NODE_EXIT) != 0)
+        exit_foresee(front, slot, frames);
 }
 
 void mni_ahead_newborn(const mni_ahead *a, mni_front *front, uint32_t slot) {
@@ -153,7 +200,8 @@ static void scan_branches(mni_ahead *a, mni_front *f, uint32_t from, uint32_t to
             continue;
         const double now_px = mni_lens_priority(&a->look.now, &bounds);
         if (now_px > tolerance_px)
-            mni_store_ahead_up(f->store, entry, frames_until(now_px, there_px, tolerance_px));
+            mni_store_ahead_up(f->store, entry,
+                               frames_until(now_px, there_px, tolerance_px, MNI_AHEAD_HORIZON));
     }
 }
 
@@ -175,6 +223,7 @@ void mni_ahead_scan(mni_ahead *a, mni_front *front) {
         return;
     const part slots = turn(front->slots_high, MNI_AHEAD_TURNS, &a->slot);
     const part branches = turn(front->branches_high, MNI_AHEAD_UP_TURNS, &a->branch);
+    a->near ^= a->slot == 0;
     scan_slots(a, front, slots.from, slots.to);
     scan_branches(a, front, branches.from, branches.to);
 }

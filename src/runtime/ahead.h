@@ -13,10 +13,12 @@
 
 enum {
     MNI_AHEAD_HORIZON = 12, /* frames that the camera is looked ahead */
+    MNI_AHEAD_NEAR = 6,     /* and in every other round of the front */
     MNI_AHEAD_TURNS = 4,    /* frames in which the whole front has its turn; so much less is told */
     MNI_AHEAD_UP_TURNS =
         16,                 /* in which its forks have: the way up is in memory for the most part */
     MNI_AHEAD_SPLITS = 48,  /* in a frame, that are worth a rehearsal */
+    MNI_AHEAD_FORCED = 12,  /* nodes that must be split before one, looked through for it */
     MNI_AHEAD_KNOWN = 4096, /* nodes whose rehearsal went well, remembered; a power of two */
 };
 
@@ -28,11 +30,14 @@ typedef struct mni_ahead_split {
 
 typedef struct mni_ahead {
     /* Navigate only */
-    mn_camera last; /* of the frame before */
-    float step[3];  /* of the eye, then */
-    bool has_last;
+    mn_camera last, before; /* of the frame before, and of the one before that */
+    float step[3];          /* of the eye, then */
+    bool has_last, has_before;
     mni_look look;
-    mni_sieve sieve; /* of look.ahead */
+    bool near;       /* in this round of the front */
+    uint32_t frames; /* that it looks ahead */
+    mni_lens there;  /* the camera then */
+    mni_sieve sieve; /* of there */
     mni_sieve_batch batch;
     uint32_t slot, branch;                   /* whose turn it is */
     mni_ahead_split split[MNI_AHEAD_SPLITS]; /* of this frame */

@@ -15,7 +15,7 @@ enum {
     MNI_MISSED_MAX = 32,     /* nodes of a chain that are known to be missing: enough to ask … */
     MNI_SURVEY_MAX = 64,     /* … and splits after the first, for the sake of further ones */
     MNI_REHEARSED_MAX = 64,  /* splits of a chain that is rehearsed */
-    MNI_REHEARSED_SHARE = 128, /* of the front's nodes: splits that a frame rehearses … */
+    MNI_REHEARSED_SHARE = 256, /* of the front's nodes: splits that a frame rehearses … */
     MNI_REHEARSED_LEAST = 4,   /* … and a few more: about a tenth of its time */
     MNI_TURNS = 16,            /* frames in which each refused chain has its turn */
 };

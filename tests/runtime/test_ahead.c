@@ -44,6 +44,29 @@ START_TEST(moves_jumps_and_stops) {
 }
 END_TEST
 
+/* On a circle the camera is found near it, where a straight line leads well outside. */
+START_TEST(turns_stay_turns) {
+    mni_ahead ahead = {.has_last = false};
+    const double step = 0.02;
+    for (int i = 0; i < 20; i++) {
+        mn_camera camera = camera_at(0);
+        mni_lens lens;
+        camera.eye[0] = (float)(10 * sin(step * i));
+        camera.eye[2] = (float)(10 * cos(step * i));
+        mni_lens_make(&lens, &camera, 640, 480, 5, 1, NULL);
+        mni_ahead_begin(&ahead, &camera, &lens, 640, 480, 5, NULL, 10);
+        if (i < 2)
+            continue;
+        const double *there = ahead.look.ahead.eye;
+        const double angle = step * (i + MNI_AHEAD_HORIZON);
+        const double off = hypot(there[0] - 10 * sin(angle), there[2] - 10 * cos(angle));
+        const double straight = 10 * (1 / cos(step * MNI_AHEAD_HORIZON) - 1);
+        ck_assert_double_lt(off, 0.5 * straight);
+        ck_assert(ahead.frames == (ahead.near ? MNI_AHEAD_NEAR : MNI_AHEAD_HORIZON));
+    }
+}
+END_TEST
+
 /* What the session does along a path of `frames` cameras; settles at its end. */
 typedef struct outcome {
     uint64_t hash;
@@ -219,6 +242,7 @@ int main(void) {
     TCase *tc = tcase_create("ahead");
     tcase_set_timeout(tc, 120);
     tcase_add_test(tc, moves_jumps_and_stops);
+    tcase_add_test(tc, turns_stay_turns);
     tcase_add_loop_test(tc, jumps_reversals_and_stops, 0, 4);
     tcase_add_test(tc, ratings_are_those_of_the_nodes);
     suite_add_tcase(suite, tc);
