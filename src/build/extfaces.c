@@ -30,13 +30,7 @@ bool mni_ext_faces_open(mni_extintake *x) {
     uint64_t words = x->places / 64 + 1, ranks = words / MNI_EXT_RANK_WORDS + 1;
     uint64_t bytes = words * sizeof *x->used + ranks * sizeof *x->used_before;
     if (bytes > x->desc.work_bytes / USED_SHARE && bytes > 4096) {
-        mn_fail(
-            x->st, MN_CAP_TOO_SMALL,
-            "%s: a bit for each of %llu vertices takes %llu bytes, an eighth of what there is to "
-            "work with is %llu: raise --ram by %llu times",
-            x->name, (unsigned long long)x->places, (unsigned long long)bytes,
-            (unsigned long long)(x->desc.work_bytes / USED_SHARE),
-            (unsigned long long)(bytes / (x->desc.work_bytes / USED_SHARE) + 1));
+        mni_ext_too_small(x, x->places, (bytes + 1) * USED_SHARE);
         return false;
     }
     x->used = calloc(1, bytes);

@@ -64,6 +64,13 @@ bool mni_ext_bucket_put(mni_extintake *x, uint64_t bucket, const void *bytes, si
     return true;
 }
 
+void mni_ext_too_small(mni_extintake *x, uint64_t vertices, uint64_t work_bytes) {
+    uint64_t ram = work_bytes + x->desc.beside_bytes, unit = 1 << 20;
+    mn_fail(x->st, MN_CAP_TOO_SMALL,
+            "%s: %llu vertices are too many for that memory: try --ram %lluM", x->name,
+            (unsigned long long)vertices, (unsigned long long)((ram + unit - 1) / unit));
+}
+
 /* ---- open, close -------------------------------------------------------------------------------
  */
 
@@ -224,11 +231,8 @@ static bool end_pushing(mni_extintake *x) {
     }
     if (x->vertices <= MNI_EXT_BUCKETS * x->window)
         return written(x);
-    mn_fail(x->st, MN_CAP_TOO_SMALL,
-            "%s: %llu vertices are more than the %llu that can be numbered in so little memory: "
-            "raise --ram",
-            x->name, (unsigned long long)x->vertices,
-            (unsigned long long)(MNI_EXT_BUCKETS * x->window));
+    /* a soup has few places to its corners */
+    mni_ext_too_small(x, x->vertices, x->soup ? x->vertices / 4 : x->vertices + x->vertices / 8);
     return false;
 }
 

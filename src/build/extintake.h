@@ -34,6 +34,9 @@ bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c
 bool mni_extintake_finish(mni_extintake *x, mni_extmesh *out);
 void mni_extintake_close(mni_extintake *x); /* NULL is allowed */
 
+/* What would do for so many vertices. */
+void mni_ext_too_small(mni_extintake *x, uint64_t vertices, uint64_t work_bytes);
+
 /* ---- between the files ----------------------------------------------------------------------- */
 
 enum { MNI_EXT_BUFFERS = 3, MNI_EXT_BUCKETS = 64 };

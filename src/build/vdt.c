@@ -258,6 +258,7 @@ static mn_code read_phase(maker *m) {
     mni_in_close(&in);
     mni_extmesh_desc desc = {.work_bytes =
                                  m->work_bytes > 0 && m->work_bytes < most ? m->work_bytes : most,
+                             .beside_bytes = BESIDE_BYTES,
                              .temp_dir = m->temp_dir,
                              .watch = m->watch,
                              .keep = m->work != NULL};

@@ -414,6 +414,40 @@ START_TEST(no_folder) {
 }
 END_TEST
 
+/* More vertices than bits for them, or than can be numbered: the number that is named is enough. */
+START_TEST(too_little_memory) {
+    const uint64_t vertices = _i == 0 ? 300000 : 8 * MNI_EXTMESH_WORK_MIN + 300000;
+    mni_extmesh_desc desc = {
+        .work_bytes = MNI_EXTMESH_WORK_MIN, .beside_bytes = 3 << 20, .temp_dir = folder};
+    mn_status st = {0};
+    mni_extmesh x;
+    FILE *f = fopen(path, "wb");
+    ck_assert_ptr_nonnull(f);
+    fprintf(f,
+            "ply\nformat binary_little_endian 1.0\nelement vertex %llu\nproperty float x\n"
+            "property float y\nproperty float z\nelement face 1\n"
+            "property list uchar int vertex_indices\nend_header\n",
+            (unsigned long long)vertices);
+    for (uint64_t v = 0; v < vertices; v++) {
+        const float at[3] = {(float)v, (float)(v % 7), 0};
+        fwrite(at, sizeof at, 1, f);
+    }
+    const uint32_t face[3] = {0, 1, 9};
+    fputc(3, f);
+    fwrite(face, sizeof face, 1, f);
+    fclose(f);
+    ck_assert_int_eq(mni_extmesh_read(path, NULL, &desc, &x, &st), MN_CAP_TOO_SMALL);
+    const char *named = strstr(st.text, "--ram ");
+    ck_assert_msg(named != NULL, "%s", st.text);
+    desc.work_bytes = (strtoull(named + 6, NULL, 10) << 20) - desc.beside_bytes;
+    ck_assert_uint_lt(desc.work_bytes, 2 * vertices + (1 << 20));
+    st.code = MN_OK;
+    ck_assert_msg(mni_extmesh_read(path, NULL, &desc, &x, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(x.vertices, 3);
+    mni_extmesh_close(&x);
+}
+END_TEST
+
 int main(void) {
     const char *given = getenv("MN_SEED");
     seed = given != NULL ? strtoull(given, NULL, 10) : (uint64_t)getpid();
@@ -434,6 +468,7 @@ int main(void) {
     tcase_add_test(tc, full_disks);
     tcase_add_test(tc, interrupted);
     tcase_add_test(tc, no_folder);
+    tcase_add_loop_test(tc, too_little_memory, 0, 2);
     suite_add_tcase(suite, tc);
     const int failed = suite_run(suite);
     unlink(path);
