@@ -86,10 +86,12 @@ static mn_code input_sum(const char *path, uint64_t *sum, mn_status *st) {
     const uint64_t last = in.size_bytes > END_BYTES ? in.size_bytes - END_BYTES : 0;
     const int64_t first_bytes = mni_in_read(&in, 0, bytes, END_BYTES);
     const int64_t last_bytes = mni_in_read(&in, last, bytes + END_BYTES, END_BYTES);
-    const bool known = first_bytes >= 0 && last_bytes >= 0 && fstat(in.fd, &info) == 0;
+    int64_t got = first_bytes < last_bytes ? first_bytes : last_bytes;
+    if (got >= 0 && fstat(in.fd, &info) != 0)
+        got = -errno;
     mni_in_close(&in);
-    if (!known)
-        return mn_fail(st, MN_BAD_INPUT, "%s: cannot read: %s", path, strerror(errno));
+    if (got < 0)
+        return mn_fail(st, MN_BAD_INPUT, "%s: cannot read: %s", path, strerror((int)-got));
     const uint64_t facts[] = {in.size_bytes, (uint64_t)info.st_mtim.tv_sec,
                               (uint64_t)info.st_mtim.tv_nsec,
                               XXH3_64bits(bytes, (size_t)first_bytes),

@@ -198,7 +198,7 @@ static int copy_to_name(const mni_spill *spill, int folder, const char *name) {
     while (error == 0 && (uint64_t)from < spill->size_bytes) {
         ssize_t put =
             copy_file_range(spill->fd, &from, to, NULL, spill->size_bytes - (uint64_t)from, 0);
-        if (put <= 0 && errno != EINTR)
+        if (put == 0 || (put < 0 && errno != EINTR))
             error = put < 0 ? errno : EIO;
     }
     close(to);

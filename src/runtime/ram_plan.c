@@ -18,7 +18,7 @@
 #include "navigate.h"
 #include "store.h"
 
-/* Measured: a replay of this program (libc, liburing, zstd, xxHash; two threads; uring) has 2.3 MB
+/* Measured: a replay of this program (libc, liburing, xxHash; two threads; uring) has 2.3 MB
  * resident before it opens a session, and the arena's page tables, the second stack and the rings
  * add 0.3. The rest is for what differs between machines. */
 #define BASE_BYTES (UINT64_C(3584) << 10)
