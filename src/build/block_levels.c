@@ -63,6 +63,6 @@ mn_code mni_levels_block(mni_plan *plan, const mni_exit *root, mni_draft *draft,
                          mni_family *family, mni_tally *tally) {
     mn_code code = draft_levels(plan, root, draft, tally);
     if (code == MN_OK)
-        code = mni_draft_exits(plan, draft, draft->list, draft->listed, MNI_BLOCK_TAKES, family);
+        code = mni_draft_exits(plan, draft, &(mni_exit){.known = 0}, 1, MNI_BLOCK_TAKES, family);
     return code == MN_OK ? mni_levels_runs(plan, family, scratch) : code;
 }

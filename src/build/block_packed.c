@@ -100,8 +100,6 @@ struct mni_packer {
     double whole_first; /* what it was at first */
     mni_tally tally;    /* of the block being filled */
     uint32_t overflows; /* its nodes that overflow */
-    uint32_t *taken;    /* its nodes, as they were taken */
-    uint32_t takes, taken_capacity;
     candidate *heap;
     uint32_t waiting, heap_capacity;
     exit_list exits, below; /* of the block being packed, and of one that is tried below it */
@@ -200,9 +198,6 @@ static uint32_t refs_kept(const mni_packer *p, uint32_t exits, double share) {
 
 static mn_code take(mni_packer *p, mni_draft *draft, uint32_t known, uint32_t takes, uint32_t depth,
                     uint32_t small) {
-    if (!mni_plan_room((void **)&p->taken, p->takes + 1, &p->taken_capacity, sizeof *p->taken))
-        return no_memory(p);
-    p->taken[p->takes++] = known;
     draft->known[known].taken = takes;
     return push_children(p, draft, known, depth, small);
 }
@@ -211,7 +206,7 @@ static mn_code take(mni_packer *p, mni_draft *draft, uint32_t known, uint32_t ta
 static mn_code fill(mni_packer *p, mni_draft *draft, const mni_exit *root, uint32_t roots,
                     uint32_t takes, uint32_t small, double share) {
     mn_code code = MN_OK;
-    p->waiting = p->overflows = p->takes = 0;
+    p->waiting = p->overflows = 0;
     tally_none(p, &p->tally);
     for (uint32_t r = 0; r < roots && code == MN_OK; r++) {
         code = mni_draft_tally_root(p->plan, draft, root[r].known, &p->tally);
@@ -268,11 +263,11 @@ static mn_code begin_list(mni_packer *p, exit_list *x, mni_draft *draft, uint32_
     return MN_OK;
 }
 
-/* The exits of who has taken the nodes of the last fill. */
-static mn_code list_exits(mni_packer *p, exit_list *x, mni_draft *draft, uint32_t takes,
-                          mni_family *family) {
-    mn_code code = mni_draft_exits(p->plan, draft, p->taken, p->takes, takes, family);
-    return code == MN_OK ? begin_list(p, x, draft, p->takes, family) : code;
+/* The exits of who has taken those roots, by the last fill. */
+static mn_code list_exits(mni_packer *p, exit_list *x, mni_draft *draft, const mni_exit *root,
+                          uint32_t roots, uint32_t takes, mni_family *family) {
+    mn_code code = mni_draft_exits(p->plan, draft, root, roots, takes, family);
+    return code == MN_OK ? begin_list(p, x, draft, p->tally.nodes, family) : code;
 }
 
 /* Brings exit `from` to `to`, before those from there on. */
@@ -447,7 +442,8 @@ static mn_code try_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t nex
     mn_code code =
         fill(p, x->draft, x->family->exit + first, next - first, takes, small, ref_share[0]);
     if (code == MN_OK)
-        code = list_exits(p, &p->below, x->draft, takes, &p->trial_family);
+        code = list_exits(p, &p->below, x->draft, x->family->exit + first, next - first, takes,
+                          &p->trial_family);
     if (code == MN_OK && ends_below(&p->below))
         code = end_all(p, &p->below, false, out);
     if (out->blocks > 0 || p->trial_family.exits == 0) {
@@ -583,7 +579,7 @@ mn_code mni_packer_block(mni_packer *p, mni_exit *root, uint32_t roots, uint32_t
         *tally = p->tally;
         uint32_t overflows = p->overflows; /* trials have others */
         p->node_bytes = (double)mni_tally_bytes(tally, 0) / tally->nodes;
-        code = list_exits(p, &p->exits, draft, MNI_BLOCK_TAKES, family);
+        code = list_exits(p, &p->exits, draft, root, roots, MNI_BLOCK_TAKES, family);
         if (code == MN_OK)
             code = plan_exits(p, &p->exits);
         if (code != MN_OK || mni_tally_bytes(tally, family->runs + overflows) <= p->limit)
@@ -608,9 +604,11 @@ static mn_code measure_first(mni_packer *p, const mni_exit *root) {
             code = mni_draft_begin(p->plan, draft, &at, 1);
         if (code == MN_OK)
             code = mni_draft_expand(p->plan, draft, 0);
-        if (code == MN_OK)
-            code = mni_draft_exits(p->plan, draft, &(uint32_t){0}, 1, MNI_BLOCK_TAKES,
-                                   &p->trial_family);
+        if (code != MN_OK)
+            return code;
+        draft->known[0].taken = MNI_BLOCK_TAKES;
+        at.known = 0;
+        code = mni_draft_exits(p->plan, draft, &at, 1, MNI_BLOCK_TAKES, &p->trial_family);
         if (code != MN_OK)
             return code;
         const mni_family *f = &p->trial_family;
@@ -650,7 +648,6 @@ void mni_packer_close(mni_packer *p) {
     if (p == NULL)
         return;
     free(p->heap);
-    free(p->taken);
     free(p->measure);
     free(p->trial_family.exit);
     free(p->trial_family.run);

@@ -108,37 +108,33 @@ static mni_child exit_of(const mni_draft *draft, uint32_t child) {
                        .facts = mni_plan_facts(&k->row)};
 }
 
+/* Adds a node that is not small, or makes a part of it. */
 static mn_code measure(mni_plan *plan, mni_draft *draft, uint32_t known, mni_tally *tally) {
     mni_known *k = &draft->known[known];
     mni_node record;
-    mni_tally_init(tally, plan->limits.has_colors, plan->limits.grid_step);
     mni_plan_record(plan, k->at, &k->row, k->simplex_end, k->position, &record);
     record.left = exit_of(draft, k->child[0]);
     record.right = exit_of(draft, k->child[1]);
-    mni_tally_node(tally, &record);
     const mni_row_simplex *simplex = simplices_of(plan, k, record.simplex_count);
     if (simplex == NULL)
         return no_room(plan);
+    k->measured = mni_tally_part_of(&k->part, &record, simplex->corner, plan->limits.has_colors,
+                                    plan->limits.grid_step);
+    if (k->measured)
+        return MN_OK;
+    mni_tally_node(tally, &record);
     for (uint32_t s = 0; s < record.simplex_count; s++)
         mni_tally_simplex(tally, simplex[s].corner);
-    k->measured = true;
-    k->measured_small = mni_tally_part_of(tally, &k->part);
     return MN_OK;
 }
 
 mn_code mni_draft_tally(mni_plan *plan, mni_draft *draft, uint32_t known, mni_tally *tally) {
     mn_code code = mni_draft_expand(plan, draft, known);
-    const mni_known *k = &draft->known[known];
-    mni_tally alone;
-    if (code == MN_OK && !(k->measured && k->measured_small))
-        code = measure(plan, draft, known, &alone);
-    if (code != MN_OK)
-        return code;
-    if (k->measured_small)
-        mni_tally_add(tally, &k->part);
-    else
-        mni_tally_merge(tally, &alone);
-    return MN_OK;
+    if (code == MN_OK && !draft->known[known].measured)
+        code = measure(plan, draft, known, tally);
+    if (code == MN_OK && draft->known[known].measured)
+        mni_tally_add(tally, &draft->known[known].part);
+    return code;
 }
 
 mn_code mni_draft_tally_root(mni_plan *plan, mni_draft *draft, uint32_t known, mni_tally *tally) {
@@ -177,27 +173,41 @@ mn_code mni_draft_list(mni_plan *plan, mni_draft *draft) {
     return MN_OK;
 }
 
-mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, const uint32_t *node,
-                        uint32_t nodes, uint32_t takes, mni_family *family) {
+static void add_exit(const mni_draft *draft, uint32_t known, mni_family *family) {
+    const mni_known *k = &draft->known[known];
+    mni_exit *x = &family->exit[family->exits++];
+    *x = (mni_exit){.row = k->at,
+                    .leaf_lo = k->row.leaf_lo,
+                    .nodes = k->row.leaf_hi - k->row.leaf_lo - 1,
+                    .order = k->row.order,
+                    .depth = k->depth,
+                    .known = known};
+    memcpy(x->position, k->position, sizeof x->position);
+}
+
+mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, const mni_exit *root,
+                        uint32_t roots, uint32_t takes, mni_family *family) {
+    uint32_t stack[MNI_BLOCK_DEPTH_MAX + 2];
     family->exits = family->runs = 0;
     if (!mni_plan_room((void **)&family->exit, draft->knowns, &family->exits_capacity,
                        sizeof *family->exit))
         return no_room(plan);
-    for (uint32_t i = 0; i < nodes; i++)
-        for (uint32_t side = 0; side < 2; side++) {
-            uint32_t child = draft->known[node[i]].child[side];
-            const mni_known *k = &draft->known[child == MN_NONE ? 0 : child];
-            if (child == MN_NONE || k->taken == takes)
+    for (uint32_t r = 0; r < roots; r++) {
+        uint32_t waiting = 0;
+        stack[waiting++] = root[r].known;
+        while (waiting > 0) {
+            uint32_t at = stack[--waiting];
+            const mni_known *k = &draft->known[at];
+            if (k->taken != takes) {
+                add_exit(draft, at, family);
                 continue;
-            mni_exit *x = &family->exit[family->exits++];
-            *x = (mni_exit){.row = k->at,
-                            .leaf_lo = k->row.leaf_lo,
-                            .nodes = k->row.leaf_hi - k->row.leaf_lo - 1,
-                            .order = k->row.order,
-                            .depth = k->depth,
-                            .known = child};
-            memcpy(x->position, k->position, sizeof x->position);
+            }
+            MN_ASSERT(waiting < MNI_BLOCK_DEPTH_MAX);
+            for (uint32_t side = 2; side-- > 0;) /* the left one on top */
+                if (k->child[side] != MN_NONE)
+                    stack[waiting++] = k->child[side];
         }
+    }
     return MN_OK;
 }
 

@@ -35,9 +35,9 @@ typedef struct mni_known {
     float position[3]; /* of the node */
     uint32_t depth;    /* nodes above it in the tree */
     uint32_t taken;    /* by whom it was last: the block, MNI_BLOCK_TAKES, or a trial */
-    bool expanded, measured, measured_small;
+    bool expanded, measured;
     uint32_t child[2];     /* once expanded: known, or MN_NONE: a leaf */
-    mni_tally_part part;   /* once measured, and small: what it takes, its inner children exits */
+    mni_tally_part part;   /* once measured: what it takes, its inner children being exits */
     uint32_t index;        /* of the block's: in its numbering, once listed */
     uint32_t ref, subtree; /* an exit of the block: where it is */
 } mni_known;
@@ -125,9 +125,10 @@ static inline bool mni_draft_overflows(const mni_plan *plan, const mni_known *k)
 }
 /* Numbers the block's nodes: they must all be expanded, and MNI_BLOCK_NODES_MAX at most. */
 mn_code mni_draft_list(mni_plan *plan, mni_draft *draft);
-/* The exits of `takes`, whose nodes those are; runs none. */
-mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, const uint32_t *node,
-                        uint32_t nodes, uint32_t takes, mni_family *family);
+/* The exits of `takes`, who has taken those roots and nodes below them, by leaf_lo where the roots
+ * are; runs none. */
+mn_code mni_draft_exits(mni_plan *plan, const mni_draft *draft, const mni_exit *root,
+                        uint32_t roots, uint32_t takes, mni_family *family);
 /* Writes the payload of the listed draft, checking its nodes wholly. tally: its own. Exits have
  * their ref and subtree; nodes that overflow have the references from first_overflow on. */
 mn_code mni_draft_encode(mni_plan *plan, const mni_draft *draft, const mni_tally *tally,

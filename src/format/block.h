@@ -195,17 +195,18 @@ uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs);
 /* Are these at most limit_bytes? Cheaper than to ask how many, where they are. */
 bool mni_tally_fits(mni_tally *tally, uint32_t refs, uint64_t limit_bytes);
 
-/* A small tally, of one node and few simplices, to be added again and again. */
+/* What one node with few simplices adds to a tally, to be added again and again. */
 enum { MNI_PART_THIRDS = 6 };
 typedef struct mni_tally_part {
     uint32_t min[MNI_TALLY_RANGES], max[MNI_TALLY_RANGES];
     uint32_t more;
-    uint8_t nodes, subtrees, exits, thirds;
+    uint8_t exits, thirds;
     uint8_t third[MNI_PART_THIRDS]; /* bits of their codes */
     bool has_overflow;
 } mni_tally_part;
-/* false: too large for a part. */
-bool mni_tally_part_of(const mni_tally *tally, mni_tally_part *part);
+/* corner: of its simplices. false: these are too many for a part. */
+bool mni_tally_part_of(mni_tally_part *part, const mni_node *node, const uint32_t *corner,
+                       bool has_colors, float grid_step);
 void mni_tally_add(mni_tally *tally, const mni_tally_part *part);
 
 /* Writes a block: begin, then every subtree, and every node followed by its simplices, in the order

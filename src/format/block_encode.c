@@ -127,28 +127,51 @@ void mni_tally_merge(mni_tally *tally, const mni_tally *other) {
     }
 }
 
-bool mni_tally_part_of(const mni_tally *tally, mni_tally_part *part) {
-    uint32_t thirds = 0;
-    for (uint32_t bits = 0; bits < MNI_TALLY_LENGTHS; bits++)
-        thirds += tally->third[bits];
-    if (thirds > MNI_PART_THIRDS || tally->nodes > 1 || tally->subtrees > 1 || tally->exits > 2)
+static void part_range(mni_tally_part *part, uint32_t range, const uint32_t *number,
+                       uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        part->min[range + i] = number[i] < part->min[range + i] ? number[i] : part->min[range + i];
+        part->max[range + i] = number[i] > part->max[range + i] ? number[i] : part->max[range + i];
+    }
+}
+
+static void part_child(mni_tally_part *part, const mni_child *child) {
+    uint32_t number[FACTS];
+    if (child->kind != MNI_CHILD_SUBTREE)
+        return;
+    part->exits++;
+    fact_numbers(&child->facts, number);
+    part_range(part, BASE_ORDER, number, FACTS);
+}
+
+bool mni_tally_part_of(mni_tally_part *part, const mni_node *node, const uint32_t *corner,
+                       bool has_colors, float step) {
+    uint32_t number[PLACES], left = node->leaf_mid - node->at.leaf_lo - 1, lack = lack_of(node);
+    if (node->simplex_count > MNI_PART_THIRDS)
         return false;
-    *part = (mni_tally_part){.more = tally->more,
-                             .nodes = (uint8_t)tally->nodes,
-                             .subtrees = (uint8_t)tally->subtrees,
-                             .exits = (uint8_t)tally->exits,
-                             .has_overflow = tally->has_overflow};
-    memcpy(part->min, tally->min, sizeof part->min);
-    memcpy(part->max, tally->max, sizeof part->max);
-    for (uint8_t bits = 0; bits < MNI_TALLY_LENGTHS; bits++)
-        for (uint32_t i = 0; i < tally->third[bits]; i++)
-            part->third[part->thirds++] = bits;
+    memset(part, 0, sizeof *part);
+    memset(part->min, 0xff, BASES * sizeof *part->min);
+    fact_numbers(&node->facts, number);
+    part_range(part, BASE_ORDER, number, FACTS);
+    part_child(part, &node->left);
+    part_child(part, &node->right);
+    place_numbers(node, has_colors, step, number);
+    part_range(part, BASE_DELTA, number, PLACES);
+    part->max[RANGE_LEFT] = left;
+    part->max[RANGE_LACK] = lack;
+    part->more = node->simplex_count + lack - MNI_INLINE;
+    part->has_overflow = node->overflow_ref != MN_NONE;
+    for (uint32_t s = 0; s < node->simplex_count; s++) {
+        corner_numbers(corner + 3 * (size_t)s, node->at.leaf_lo, node->leaf_mid, node->at.leaf_hi,
+                       number);
+        part_range(part, RANGE_A, number + 1, 2);
+        part->third[part->thirds++] = (uint8_t)mni_bits(number[3]);
+    }
     return true;
 }
 
 void mni_tally_add(mni_tally *tally, const mni_tally_part *part) {
-    tally->nodes += part->nodes;
-    tally->subtrees += part->subtrees;
+    tally->nodes++;
     tally->exits += part->exits;
     tally->more += part->more;
     tally->has_overflow |= part->has_overflow;
@@ -212,15 +235,41 @@ static thirds cut_thirds(const mni_tally *t, uint64_t places) {
 
 /* Near ones have codes of up to so many bits. */
 static thirds thirds_at(const mni_tally *t, uint32_t near) {
-    uint32_t most = longest_third(t), far = 0;
-    for (uint32_t bits = near + 1; bits <= most; bits++)
+    uint32_t most = near, far = 0;
+    for (uint32_t bits = near + 1; bits < MNI_TALLY_LENGTHS; bits++) {
         far += t->third[bits];
+        most = t->third[bits] > 0 ? bits : most;
+    }
     return (thirds){near, far, most, mni_bits((1u << near) - 1 + far)};
 }
 
-/* Returns what the rows take, third corners cut like that. */
-static uint64_t lay_out_at(const mni_tally *t, uint32_t refs, const thirds *third,
-                           uint16_t edge[FIELDS]) {
+/* Widths of the fields of a node row in one sum, and of the two kinds that count references. */
+static uint32_t facts_bits(const mni_tally *t) {
+    uint32_t bits = 0;
+    for (uint32_t i = 0; i < FACTS; i++)
+        bits += range_width(t, BASE_ORDER + i);
+    return bits;
+}
+
+/* What the rows take, third corners cut like that: the sum of what lay_out gives places to. */
+static uint64_t rows_bytes(const mni_tally *t, uint32_t refs, const thirds *third) {
+    uint32_t facts = facts_bits(t), exit_bits = mni_bits(t->exits), places = 0;
+    for (uint32_t i = 0; i < PLACES; i++)
+        places += range_width(t, BASE_DELTA + i);
+    uint32_t simplex = 1 + range_width(t, RANGE_A) + range_width(t, RANGE_B) + third->width;
+    uint32_t node = facts + range_width(t, RANGE_LEFT) + places +
+                    (t->exits > 0 ? 2 + mni_bits(t->nodes) : 0) + exit_bits +
+                    (t->has_overflow ? mni_bits(refs) : 0) + range_width(t, RANGE_LACK) +
+                    mni_bits(t->more) + MNI_INLINE * simplex;
+    uint32_t subtree = mni_bits(t->nodes) + range_width(t, BASE_LO) + range_width(t, RANGE_SIZE);
+    return mni_row_bytes(t->nodes, node) +
+           mni_row_bytes(t->exits, facts + mni_bits(refs) + exit_bits) +
+           mni_row_bytes(t->subtrees, subtree) + mni_row_bytes(t->more, simplex) +
+           mni_row_bytes(third->far, third->far_bits);
+}
+
+/* Gives every field its edges; returns what the rows take. */
+static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS], thirds *third) {
     uint32_t node[FIELD_NODE_END];
     bool exits = t->exits > 0;
     for (uint32_t i = 0; i < FACTS; i++)
@@ -238,37 +287,34 @@ static uint64_t lay_out_at(const mni_tally *t, uint32_t refs, const thirds *thir
     const uint32_t exit[] = {mni_bits(refs), mni_bits(t->exits)};
     const uint32_t subtree[] = {mni_bits(t->nodes), range_width(t, BASE_LO),
                                 range_width(t, RANGE_SIZE)};
+    *third = cut_thirds(t, MNI_INLINE * (uint64_t)t->nodes + t->more);
     uint32_t simplex_bits = simplex_edges(t, third->width, edge + FIELD_TURN);
     uint32_t node_bits = edges_of(node, FIELD_NODE_END, 0, edge) + MNI_INLINE * simplex_bits;
     uint32_t exit_bits = edges_of(exit, 2, edge[FIELD_LEFT], edge + FIELD_REF);
     uint32_t subtree_bits = edges_of(subtree, 3, 0, edge + FIELD_NODE);
-    return mni_row_bytes(t->nodes, node_bits) + mni_row_bytes(t->exits, exit_bits) +
-           mni_row_bytes(t->subtrees, subtree_bits) + mni_row_bytes(t->more, simplex_bits) +
-           mni_row_bytes(third->far, third->far_bits);
+    uint64_t bytes = mni_row_bytes(t->nodes, node_bits) + mni_row_bytes(t->exits, exit_bits) +
+                     mni_row_bytes(t->subtrees, subtree_bits) +
+                     mni_row_bytes(t->more, simplex_bits) +
+                     mni_row_bytes(third->far, third->far_bits);
+    MN_ASSERT(bytes == rows_bytes(t, refs, third));
+    return bytes;
 }
 
-static uint64_t lay_out(const mni_tally *t, uint32_t refs, uint16_t edge[FIELDS], thirds *third) {
-    *third = cut_thirds(t, MNI_INLINE * (uint64_t)t->nodes + t->more);
-    return lay_out_at(t, refs, third, edge);
+uint64_t mni_tally_bytes(const mni_tally *t, uint32_t refs) {
+    thirds third = cut_thirds(t, MNI_INLINE * (uint64_t)t->nodes + t->more);
+    return mni_frame_payload_at(refs) + MNI_HEAD_BYTES + rows_bytes(t, refs, &third);
 }
 
-uint64_t mni_tally_bytes(const mni_tally *tally, uint32_t refs) {
-    uint16_t edge[FIELDS];
-    thirds third;
-    return mni_frame_payload_at(refs) + MNI_HEAD_BYTES + lay_out(tally, refs, edge, &third);
-}
-
-/* The best cut seldom moves, and none takes less than the best but for rounding, of rows up to bytes,
- * thrice. */
-bool mni_tally_fits(mni_tally *tally, uint32_t refs, uint64_t limit_bytes) {
-    uint16_t edge[FIELDS];
+/* The best cut seldom moves, and none takes less than the best but for rounding, of rows up to
+ * bytes, thrice. */
+bool mni_tally_fits(mni_tally *t, uint32_t refs, uint64_t limit_bytes) {
     uint64_t head = mni_frame_payload_at(refs) + MNI_HEAD_BYTES;
-    thirds third = thirds_at(tally, tally->near);
-    if (head + lay_out_at(tally, refs, &third, edge) + 3 <= limit_bytes)
+    thirds third = thirds_at(t, t->near);
+    if (head + rows_bytes(t, refs, &third) + 3 <= limit_bytes)
         return true;
-    uint64_t rows = lay_out(tally, refs, edge, &third);
-    tally->near = third.near;
-    return head + rows <= limit_bytes;
+    third = cut_thirds(t, MNI_INLINE * (uint64_t)t->nodes + t->more);
+    t->near = third.near;
+    return head + rows_bytes(t, refs, &third) <= limit_bytes;
 }
 
 /* ---- the bytes ------------------------------------------------------------------------------ */
