@@ -156,7 +156,8 @@ static mn_code begin(build_steps *b) {
     mn_code code = mn_mesh_expect(b->in, &vertices, &triangles, &b->st);
     if (code != MN_OK)
         return code;
-    b->temp.planned_bytes = mn_vdt_temp_bytes(vertices, triangles);
+    b->temp.planned_bytes = mn_vdt_temp_bytes(
+        vertices, triangles, b->simplify.work_bytes != 0 ? b->simplify.work_bytes : b->ram_bytes);
     code = temp_check(&b->temp, b->out, &b->st);
     if (code == MN_OK)
         code = mn_work_open(&b->work, &desc, &b->st);

@@ -239,9 +239,9 @@ typedef struct mn_vdt_figures {
  * MN_NO_SPACE: temporary files filled the disk. MN_CAP_TOO_SMALL names what would do. */
 mn_code mn_vdt_make(const char *in, const mn_read_desc *read, const mn_simplify_desc *simplify,
                     mn_work *work, mn_vdt **out, mn_status *st);
-/* The most that mn_vdt_make and mn_vdt_block take of the disk of temp_dir for a mesh of that size
- * (mn_mesh_expect), whatever memory they have, the output included. */
-uint64_t mn_vdt_temp_bytes(uint64_t vertices, uint64_t triangles);
+/* What mn_vdt_make and mn_vdt_block may need of the disk of temp_dir for a mesh of that size
+ * (mn_mesh_expect) within ram_bytes (0: no bound), the output included. */
+uint64_t mn_vdt_temp_bytes(uint64_t vertices, uint64_t triangles, uint64_t ram_bytes);
 /* Opens a .vdt, which is read once and compared with its checksums. */
 mn_code mn_vdt_open(const char *path, const mn_watch *watch, mn_vdt **out, mn_status *st);
 void mn_vdt_close(mn_vdt *vdt); /* NULL is harmless */
