@@ -171,7 +171,8 @@ static mn_code encode_subtree(mni_plan *plan, const mni_exit *root, mni_rows_run
     uint32_t waits = 0;
     bool fits;
     mn_code code = fill_run(plan, root, run, &fits);
-    MN_ASSERT(code != MN_OK || fits);
+    if (code == MN_OK && !fits)
+        code = mn_fail(plan->st, MN_FAILED, "the tree has changed while it was read");
     stack[waits] = (waiting){root->row,       root->leaf_lo, root->leaf_lo + root->nodes + 1,
                              root->order + 1, root->depth,   {0}};
     memcpy(stack[waits++].position, root->position, sizeof root->position);
