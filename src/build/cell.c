@@ -231,8 +231,7 @@ static mn_code load_vertices(mni_cell *cell, const mni_wire_vertex *vertex, mn_s
     mn_code code = mni_witness_room(&cell->s.witness, n, n - leaves + leaves / 2, points, st);
     if (code != MN_OK)
         return code;
-    uint32_t first = mni_wire_range_of(vertex[0].at.key).low,
-             last = mni_wire_range_of(vertex[n - 1].at.key).high;
+    uint64_t first = vertex[0].at.key, last = vertex[n - 1].at.key;
     for (uint32_t v = 0; v < n; v++) {
         const mni_wire_vertex *from = &vertex[v];
         place_vertex(cell, v, from->at.id, from->p);
@@ -246,8 +245,8 @@ static mn_code load_vertices(mni_cell *cell, const mni_wire_vertex *vertex, mn_s
         cell->s.part.key[v] = from->key;
         mni_wire_get_quadric(from, &cell->s.surface.vertex[v]);
         load_witnesses(cell, from, v);
-        if (!cell->desc.whole && (from->range.low <= first || from->range.high >= last))
-            cell->s.part.closed[v] = 0; /* equal keys may be in the next cell */
+        if (!cell->desc.whole && !mni_wire_inside(from->at.key, from->reach, first, last))
+            cell->s.part.closed[v] = 0;
     }
     return MN_OK;
 }
@@ -448,7 +447,6 @@ bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out) {
                                               ? n->node
                                               : MNI_COLLAPSE + cell->collapses_before + from->node -
                                                     cell->vertices,
-                             .range = mni_wire_nothing,
                              .p = {from->p[0], from->p[1], from->p[2]},
                              .value = from->value,
                              .key = cell->s.part.key[v],

@@ -77,7 +77,7 @@ mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, mni_wire_
 mn_code mni_cell_run(mni_cell *cell, mn_status *st);
 /* Gives collapses and hinges made here their numbers, after those of the cells before. */
 void mni_cell_number(mni_cell *cell, uint32_t collapses, uint32_t hinges);
-/* What is left of vertex v: its record but for key and range. False: nothing, or it is a ghost. */
+/* What is left of vertex v: its record but for key and reach. False: nothing, or it is a ghost. */
 bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out);
 /* Simplex x of cell->s.surface: its record but for key and places. False: it is gone, or another
  * cell's, which is that of its vertex with the least id. */

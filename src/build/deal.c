@@ -11,6 +11,11 @@
 
 enum { BUFFERS = 2 };
 
+/* What a cell will be dealt, its own vertices apart. */
+typedef struct tally {
+    uint32_t triangles, ghosts;
+} tally;
+
 /* A triangle at vertices of a cell whose file position is another's. */
 typedef struct copy {
     uint32_t cell, corner[3];
@@ -41,6 +46,7 @@ struct mni_deal {
     unsigned char *buffer[BUFFERS];
     size_t buffer_bytes;
     uint64_t lacks_read, lacks_written;
+    tally *of_cell;
 };
 
 static uint32_t cell_start(const mni_deal *d, uint32_t c) {
@@ -105,6 +111,7 @@ static void look_at_triangle(mni_deal *d, const uint32_t v[3], uint32_t own) {
                 mni_sort_put(d->lacks, &l);
             }
         if (cell[i] != own) {
+            d->of_cell[cell[i]].triangles++;
             copy to = {cell[i], {v[0], v[1], v[2]}};
             mni_sort_put(d->copies, &to);
         }
@@ -122,6 +129,7 @@ static mn_code look_at_triangles(mni_deal *d, mn_status *st) {
             start = end;
             end = cell_start(d, own + 1);
         }
+        d->of_cell[own].triangles++;
         if (v[0] - start >= end - start || v[1] - start >= end - start ||
             v[2] - start >= end - start)
             look_at_triangle(d, v, own);
@@ -144,6 +152,7 @@ static mn_code look_at_vertices(mni_deal *d, mn_status *st) {
             if (!again || next->cell != last_cell) {
                 found f = {id, next->cell, {v->position[0], v->position[1], v->position[2]}};
                 mni_sort_put(d->ghosts, &f);
+                d->of_cell[next->cell].ghosts++;
             }
             last_cell = next->cell;
             next = mni_sort_next(d->lacks, st);
@@ -190,6 +199,9 @@ mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *d
                     .low = {INFINITY, INFINITY, INFINITY},
                     .high = {-INFINITY, -INFINITY, -INFINITY}};
     d->buffer_bytes = desc->work_bytes / 16 < 1 << 20 ? (size_t)(desc->work_bytes / 16) : 1 << 20;
+    d->of_cell = calloc(desc->cells, sizeof *d->of_cell);
+    if (d->of_cell == NULL)
+        return mn_fail(st, MN_FAILED, "out of memory");
     for (int i = 0; i < BUFFERS; i++)
         if ((d->buffer[i] = malloc(d->buffer_bytes)) == NULL)
             return mn_fail(st, MN_FAILED, "out of memory");
@@ -208,6 +220,11 @@ void mni_deal_box(const mni_deal *d, float low[3], float high[3]) {
     memcpy(high, d->high, sizeof d->high);
 }
 
+void mni_deal_counts(const mni_deal *d, uint32_t c, uint32_t *vertices, uint32_t *triangles) {
+    *vertices = cell_start(d, c + 1) - cell_start(d, c) + d->of_cell[c].ghosts;
+    *triangles = d->of_cell[c].triangles;
+}
+
 void mni_deal_bytes(const mni_deal *d, uint64_t *read, uint64_t *written) {
     mni_sort_figures a = mni_sort_figures_get(d->copies), b = mni_sort_figures_get(d->ghosts);
     *read = d->lacks_read + a.bytes_read + b.bytes_read;
@@ -222,6 +239,7 @@ void mni_deal_close(mni_deal *d) {
     mni_sort_close(d->ghosts);
     for (int i = 0; i < BUFFERS; i++)
         free(d->buffer[i]);
+    free(d->of_cell);
     free(d);
 }
 

@@ -10,7 +10,7 @@
  *
  * That is one pass over both files before the first cell, and one with the cells; what is sorted is
  * what crosses, a few in a hundred. One thread at a time; calls may block on the disk. Memory:
- * work_bytes, whatever the mesh. */
+ * work_bytes, and 8 bytes a cell. */
 #ifndef MNI_DEAL_H
 #define MNI_DEAL_H
 
@@ -51,6 +51,8 @@ typedef struct mni_deal mni_deal;
 /* Finds what crosses, and the box of all vertices. mesh outlives it, and is read alone. */
 mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *desc, mn_status *st);
 void mni_deal_box(const mni_deal *deal, float low[3], float high[3]);
+/* What cell c will have, ghosts among the vertices. */
+void mni_deal_counts(const mni_deal *deal, uint32_t c, uint32_t *vertices, uint32_t *triangles);
 /* The next cell's; arrays of *hand are used again. */
 mn_code mni_deal_next(mni_deal *deal, mni_hand *hand, mn_status *st);
 /* Moved so far by the sorts. */

@@ -155,7 +155,7 @@ static mn_code take_vertices(rounds *r, uint32_t c, job *j) {
         advance(r, VERTICES);
         while ((s = peek(&r->now[SIGHTS])) != NULL && s->at.id == to->at.id &&
                s->at.key == to->at.key) {
-            mni_wire_widen(&to->range, s->range);
+            mni_wire_extend(&to->reach, s->reach);
             advance(r, SIGHTS);
         }
     }
@@ -254,7 +254,7 @@ static mni_wire_range send_simplex(const outlet *o, mni_wire_simplex *x, const u
     mni_wire_range range = mni_wire_nothing;
     for (int c = 0; c < corners_of(x); c++) {
         mni_wire_head at = {.key = keys[c], .number = x->at.number, .id = x->v[c]};
-        mni_wire_widen(&range, mni_wire_range_of(keys[c]));
+        mni_wire_widen(&range, (mni_wire_range){keys[c], keys[c]});
         if (mni_wire_order(&at, &first) < 0)
             first = at;
     }
@@ -264,7 +264,7 @@ static mni_wire_range send_simplex(const outlet *o, mni_wire_simplex *x, const u
 }
 
 static void send_sight(const outlet *o, uint32_t id, uint64_t key, mni_wire_range range) {
-    mni_wire_sight s = {.at = {.key = key, .id = id}, .range = range};
+    mni_wire_sight s = {.at = {.key = key, .id = id}, .reach = mni_wire_reach_of(key, range)};
     mni_sort_put(o->sights, &s);
 }
 
@@ -322,7 +322,7 @@ static mn_code give_cell(const outlet *o, const mni_cell *cell, mn_status *st) {
         if (!mni_cell_vertex(cell, v, &out))
             continue;
         out.at.key = stands[v].key;
-        out.range = stands[v].range;
+        out.reach = mni_wire_reach_of(out.at.key, stands[v].range);
         mni_sort_put(o->vertices, &out);
     }
     free(stands);
@@ -556,6 +556,18 @@ static void go_on(rounds *r, uint32_t before, uint32_t made) {
     }
 }
 
+/* Before much has been done. What later rounds need is less: a pole's ring comes in parts. */
+static mn_code check_deal(const rounds *r) {
+    uint64_t most = 0;
+    for (uint32_t c = 0; c < r->cells; c++) {
+        uint32_t vertices, triangles;
+        mni_deal_counts(r->deal, c, &vertices, &triangles);
+        uint64_t bytes = mni_cell_bytes(vertices, triangles);
+        most = bytes > most ? bytes : most;
+    }
+    return check_room(r, most);
+}
+
 static mn_code open_deal(rounds *r) {
     uint64_t work = r->sort_bytes == 0 ? (uint64_t)64 << 20 : r->sort_bytes / 2;
     mni_deal_desc desc = {.cells = r->cells,
@@ -564,7 +576,7 @@ static mn_code open_deal(rounds *r) {
     mn_code code = mni_deal_open(&r->deal, r->mesh, &desc, r->st);
     if (code == MN_OK)
         mni_deal_box(r->deal, r->low, r->high);
-    return code;
+    return code == MN_OK ? check_deal(r) : code;
 }
 
 /* Where there are more simplices than a surface has, cells are as much smaller. */

@@ -7,6 +7,17 @@
 enum { DROPPED_BITS = 16, NO_WITNESS = MNI_WIRE_NO_WITNESS };
 #define UNIT 32767.0f
 
+/* Of a distance below 2^63, rounded up. */
+static float upwards(uint64_t distance) {
+    float x = (float)distance;
+    return (uint64_t)x < distance ? nextafterf(x, INFINITY) : x;
+}
+
+mni_wire_reach mni_wire_reach_of(uint64_t key, mni_wire_range range) {
+    return (mni_wire_reach){range.low < key ? upwards(key - range.low) : 0,
+                            range.high > key ? upwards(range.high - key) : 0};
+}
+
 static void put_double(uint8_t to[6], double x) {
     uint64_t bits;
     memcpy(&bits, &x, sizeof bits);

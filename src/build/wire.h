@@ -27,28 +27,39 @@ static inline int mni_wire_order(const mni_wire_head *x, const mni_wire_head *y)
     return x->number < y->number ? -1 : x->number > y->number;
 }
 
-/* A range of keys, in 2^32nds of the curve, rounded outwards. */
+/* Keys that a vertex's neighbours lie between. */
 typedef struct mni_wire_range {
-    uint32_t low, high;
+    uint64_t low, high;
 } mni_wire_range;
 
-enum { MNI_WIRE_RANGE_SHIFT = MNI_CURVE_BITS - 32 };
-static const mni_wire_range mni_wire_nothing = {UINT32_MAX, 0};
+static const mni_wire_range mni_wire_nothing = {UINT64_MAX, 0};
 
-static inline mni_wire_range mni_wire_range_of(uint64_t key) {
-    uint32_t part = (uint32_t)(key >> MNI_WIRE_RANGE_SHIFT);
-    return (mni_wire_range){part, part};
-}
 static inline void mni_wire_widen(mni_wire_range *r, mni_wire_range by) {
     r->low = by.low < r->low ? by.low : r->low;
     r->high = by.high > r->high ? by.high : r->high;
+}
+
+/* How far they reach from the vertex's own key, each way, rounded outwards: exact where cells are
+ * small, as they are where a model is dense. */
+typedef struct mni_wire_reach {
+    float below, above;
+} mni_wire_reach;
+
+mni_wire_reach mni_wire_reach_of(uint64_t key, mni_wire_range range);
+static inline void mni_wire_extend(mni_wire_reach *r, mni_wire_reach by) {
+    r->below = by.below > r->below ? by.below : r->below;
+    r->above = by.above > r->above ? by.above : r->above;
+}
+/* Whether all of it lies between two keys, and on neither; equal ones may be a neighbour's. */
+static inline bool mni_wire_inside(uint64_t key, mni_wire_reach r, uint64_t first, uint64_t last) {
+    return (uint64_t)r.below < key - first && (uint64_t)r.above < last - key;
 }
 
 enum { MNI_WIRE_NO_WITNESS = 0xffff }; /* as a slack; those that are there come first */
 
 typedef struct mni_wire_vertex {
     mni_wire_head at;     /* number: its node */
-    mni_wire_range range; /* of its neighbours, as far as its last cell saw them */
+    mni_wire_reach reach; /* of its neighbours, as far as its last cell saw them */
     float p[3];
     float value, key; /* of its node (mni_part) */
     mni_node_bounds bounds;
@@ -73,7 +84,7 @@ _Static_assert(sizeof(mni_wire_simplex) == 72, "no padding: what is sorted is al
 /* Somebody at a vertex's simplex who saw so far. */
 typedef struct mni_wire_sight {
     mni_wire_head at; /* the vertex; number 0 */
-    mni_wire_range range;
+    mni_wire_reach reach;
 } mni_wire_sight;
 
 void mni_wire_put_quadric(mni_wire_vertex *to, const mni_vertex *from);

@@ -160,7 +160,11 @@ START_TEST(cells_are_dealt_what_is_theirs) {
                               .temp_dir = "/tmp"};
         ck_assert_msg(mni_deal_open(&deal, &m.external, &desc, &st) == MN_OK, "%s", st.text);
         for (uint32_t c = 0; c < desc.cells; c++) {
+            uint32_t of[2];
             ck_assert_msg(mni_deal_next(deal, &hand, &st) == MN_OK, "%s", st.text);
+            mni_deal_counts(deal, c, &of[0], &of[1]);
+            ck_assert_uint_eq(of[0], hand.vertices + hand.ghosts);
+            ck_assert_uint_eq(of[1], hand.triangles);
             ck_assert_uint_eq(hand.first, next);
             next += hand.vertices;
             check_hand(&m, &hand, triangle, vertex);
@@ -247,6 +251,29 @@ START_TEST(the_history_is_the_meshs_alone) {
 }
 END_TEST
 
+/* A pole with thousands of triangles is one vertex of one cell. */
+START_TEST(too_small_a_cap_names_one_that_does) {
+    random_mesh m;
+    mni_history h;
+    mn_status st = {0};
+    mni_rounds_desc desc = {.cell_vertices = 400, .threads = 2, .temp_dir = "/tmp"};
+    make_globe(&m, 3, 6000);
+    write_out(&m);
+    for (int i = 0; i < 2; i++) {
+        desc.work_bytes = i == 0 ? 1 << 20 : mni_rounds_work_min(desc.cell_vertices);
+        st = (mn_status){0};
+        ck_assert_int_eq(mni_rounds(&m.external, &desc, &h, &st), MN_CAP_TOO_SMALL);
+        ck_assert_int_eq(h.collapse.fd, -1);
+    }
+    unsigned megabytes;
+    ck_assert_msg(sscanf(strstr(st.text, "--ram"), "--ram %uM", &megabytes) == 1, "%s", st.text);
+    desc.work_bytes = ((uint64_t)megabytes << 20) - MNI_PROGRAM_BYTES;
+    h = make_history(&m, &desc);
+    mni_history_close(&h);
+    drop(&m);
+}
+END_TEST
+
 /* Files may grow to so many bytes; past that the disk is full. */
 static void limit_files(rlim_t bytes) {
     struct rlimit limit;
@@ -293,6 +320,7 @@ int main(void) {
     tcase_set_timeout(tc, 120);
     tcase_add_test(tc, cells_are_dealt_what_is_theirs);
     tcase_add_loop_test(tc, the_history_is_the_meshs_alone, 0, KINDS);
+    tcase_add_test(tc, too_small_a_cap_names_one_that_does);
     tcase_add_loop_test(tc, a_disk_that_fills, 0, 2);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
