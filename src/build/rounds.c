@@ -1,11 +1,11 @@
 /* See rounds.h. Hidden here: what goes from round to round, and who may take the next cell.
  *
- * A vertex travels under its key on the next curve, with the range of its neighbours' keys; a
+ * A vertex travels under its key on the next curve, with how far its neighbours' reach; a
  * simplex under that of its first corner on the curve. So a cell is filled from sorted streams
  * alone, one after the other:
  *
  *   vertices:   v v v v v v v | v v v v v v v | …      cut after so many
- *   sights:     (vertex, keys seen from another cell)  join their vertex
+ *   sights:     (vertex, reach seen from another cell) join their vertex
  *   simplices:  those whose first corner is in the cell; one whose other corners are not goes
  *               on to the next round as it is, and its corners get sights
  *
