@@ -39,7 +39,7 @@ static mni_spill *spill_of(mni_history *h, int which) {
 }
 
 mn_code mni_history_open(mni_history *h, const char *temp_dir, bool keep, mn_status *st) {
-    *h = (mni_history){.collapse = {.fd = -1}, .killed = {.fd = -1}, .group = {.fd = -1}};
+    *h = MNI_HISTORY_CLOSED;
     h->pending[0] = malloc(3 * PENDING_BYTES);
     if (h->pending[0] == NULL)
         return mn_fail(st, MN_FAILED, "out of memory for a temporary file");
@@ -52,8 +52,6 @@ mn_code mni_history_open(mni_history *h, const char *temp_dir, bool keep, mn_sta
 }
 
 void mni_history_close(mni_history *h) {
-    if (h->pending[0] == NULL)
-        return;
     for (int i = 0; i < 3; i++)
         mni_spill_close(spill_of(h, i));
     free(h->pending[0]);

@@ -26,9 +26,13 @@ typedef struct mni_history {
     uint32_t pending_bytes[3];
 } mni_history;
 
+#define MNI_HISTORY_CLOSED                                                                         \
+    (mni_history) {                                                                                \
+        .collapse = {.fd = -1}, .killed = {.fd = -1}, .group = {.fd = -1 }                         \
+    }
 /* keep: as kept spills. */
 mn_code mni_history_open(mni_history *history, const char *temp_dir, bool keep, mn_status *st);
-void mni_history_close(mni_history *history); /* harmless on a closed, or zeroed one */
+void mni_history_close(mni_history *history); /* harmless on a closed one */
 /* A cell that has been given its numbers. */
 mn_code mni_history_add(mni_history *history, const mni_cell *cell, mn_status *st);
 /* All has been added: before anything is read. */

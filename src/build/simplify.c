@@ -578,7 +578,7 @@ static mn_code simplify_in_rounds(const mn_mesh *mesh, const mn_simplify_desc *d
     if (desc->ram_bytes > 0)
         rounds.work_bytes = desc->ram_bytes > taken ? desc->ram_bytes - taken : 1;
     mni_extmesh external = {.vertex.fd = -1, .triangle.fd = -1};
-    mni_history history = {.collapse.fd = -1, .killed.fd = -1};
+    mni_history history = MNI_HISTORY_CLOSED;
     uint32_t *vertex_of = malloc((size_t)mesh->vertices * sizeof *vertex_of);
     mn_code code = MN_OK;
     if (vertex_of == NULL)

@@ -370,7 +370,7 @@ mn_code mn_vdt_make(const char *in, const mn_read_desc *read, const mn_simplify_
     maker m = {.in = in,
                .work = work,
                .mesh = {.vertex = {.fd = -1}, .triangle = {.fd = -1}},
-               .history = {.collapse = {.fd = -1}, .killed = {.fd = -1}, .group = {.fd = -1}},
+               .history = MNI_HISTORY_CLOSED,
                .st = st != NULL ? st : &own};
     *out = NULL;
     if (read != NULL)
