@@ -7,8 +7,8 @@
  *
  * After a failure the jobs that follow are passed over, so what is told is the first failure in the
  * order of the jobs, however the threads ran.
- * Order: open, post and drain, close. Threads: the caller's and one of its own. Memory: MNI_JOBS
- * drafts of one block each, a block, a subtree's rows. Paper: none. */
+ * Order: open, post and drain, close. Threads: the caller's and one of its own. Memory: two drafts
+ * of a block, a few roots, a block, a subtree's rows. Paper: none. */
 #include "block_send.h"
 
 #include <stdlib.h>
@@ -74,7 +74,8 @@ mn_code mni_sender_overflow(mni_sender *s, const mni_job *job, const mni_known *
 
 /* ---- the ring ------------------------------------------------------------------------------- */
 
-static bool keep(const mni_job *job, mni_kept_job *kept) {
+/* draft: for the job's, where it has one. */
+static bool keep(const mni_job *job, mni_kept_job *kept, mni_draft *draft) {
     kept->job = *job;
     if (!mni_plan_room((void **)&kept->ref, job->refs, &kept->refs_capacity, sizeof *kept->ref))
         return false;
@@ -82,8 +83,8 @@ static bool keep(const mni_job *job, mni_kept_job *kept) {
         memcpy(kept->ref, job->ref, sizeof *kept->ref * job->refs);
     kept->job.ref = kept->ref;
     if (job->exit == NULL) {
-        kept->job.draft = &kept->draft;
-        return mni_draft_copy_block(job->draft, &kept->draft);
+        kept->job.draft = draft;
+        return mni_draft_copy_block(job->draft, draft);
     }
     if (!mni_plan_room((void **)&kept->exit, job->exits, &kept->exits_capacity, sizeof *kept->exit))
         return false;
@@ -118,19 +119,25 @@ bool mni_sender_post(mni_sender *s, const mni_job *job) {
         s->failed = s->failed || send(s, job) != MN_OK;
         return !s->failed;
     }
+    const uint32_t d = s->drafts % MNI_JOBS_DRAFTS;
+    const uint64_t free_at = job->exit == NULL ? s->draft_free[d] : 0;
     pthread_mutex_lock(&s->lock);
-    while (s->posted - s->done == MNI_JOBS)
+    while (s->posted - s->done == MNI_JOBS || s->done < free_at)
         pthread_cond_wait(&s->change, &s->lock);
     bool failed = s->failed;
     pthread_mutex_unlock(&s->lock);
     if (failed)
         return false;
-    bool kept = keep(job, &s->kept[s->posted % MNI_JOBS]); /* posted: changed here alone */
+    bool kept = keep(job, &s->kept[s->posted % MNI_JOBS], &s->draft[d]); /* posted: changed here */
     pthread_mutex_lock(&s->lock);
     if (kept)
         s->posted++;
     pthread_cond_broadcast(&s->change);
     pthread_mutex_unlock(&s->lock);
+    if (kept && job->exit == NULL) {
+        s->draft_free[d] = s->posted;
+        s->drafts++;
+    }
     return kept;
 }
 
@@ -173,8 +180,9 @@ void mni_sender_close(mni_sender *s) {
     for (uint32_t k = 0; k < MNI_JOBS; k++) {
         free(s->kept[k].exit);
         free(s->kept[k].ref);
-        mni_draft_free(&s->kept[k].draft);
     }
+    for (uint32_t d = 0; d < MNI_JOBS_DRAFTS; d++)
+        mni_draft_free(&s->draft[d]);
     free(s->bytes);
     mni_rows_run_free(&s->run);
     mni_plan_close(&s->plan);

@@ -29,11 +29,13 @@ typedef struct mni_job {
 typedef struct mni_kept_job {
     mni_job job;
     mni_exit *exit;
-    mni_draft draft;
     mn_block_ref *ref;
     uint32_t exits_capacity, refs_capacity;
 } mni_kept_job;
-enum { MNI_JOBS = 8 }; /* that wait or are in work, at most */
+enum {
+    MNI_JOBS = 8,        /* that wait or are in work, at most */
+    MNI_JOBS_DRAFTS = 2, /* of them with a draft, which are the largest */
+};
 
 typedef struct mni_sender {
     /* const after open */
@@ -50,6 +52,10 @@ typedef struct mni_sender {
     uint32_t bytes_capacity;
     /* slots that are posted and not done belong to the thread, the others to the caller */
     mni_kept_job kept[MNI_JOBS];
+    mni_draft draft[MNI_JOBS_DRAFTS]; /* in turn; with the last job that has it */
+    /* the caller's */
+    uint64_t draft_free[MNI_JOBS_DRAFTS]; /* when so many jobs are done */
+    uint32_t drafts;
     pthread_mutex_t lock;
     pthread_cond_t change;
     /* guarded by lock */
