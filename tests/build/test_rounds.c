@@ -257,7 +257,7 @@ START_TEST(too_small_a_cap_names_one_that_does) {
     mni_history h;
     mn_status st = {0};
     mni_rounds_desc desc = {.cell_vertices = 400, .threads = 2, .temp_dir = "/tmp"};
-    make_globe(&m, 3, 6000);
+    make_globe(&m, 3, 2500);
     write_out(&m);
     for (int i = 0; i < 2; i++) {
         desc.work_bytes = i == 0 ? 1 << 20 : mni_rounds_work_min(desc.cell_vertices);
