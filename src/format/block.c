@@ -56,6 +56,7 @@ static void lay_out_short(mni_block *view) {
         view->delta_base[i] = mni_base(view->base, BASE_DELTA + i) - MNI_BIAS;
         view->delta_bits[i] = (uint8_t)width_of(view, FIELD_DELTA + i);
     }
+    view->exits_at = (uint32_t)(view->exit_rows - view->node_rows);
     view->place_at = (uint16_t)mni_edge(edge, FIELD_LEFT);
     view->way_at = (uint16_t)mni_edge(edge, FIELD_EXITS);
     view->simplex_at = (uint16_t)mni_edge(edge, FIELD_NODE_END);
@@ -214,25 +215,26 @@ static inline void get_child(const mni_block *view, mni_child_kind kind, uint32_
     out->node = inner;
     out->exit = exit;
     out->ref = MN_NONE;
+    out->facts = (mni_facts){0};
     if (kind == MNI_CHILD_INNER)
         get_facts_long(view, view->node_rows, (uint64_t)inner * view->node_bits, &out->facts);
     else if (kind == MNI_CHILD_SUBTREE)
         get_facts_long(view, view->exit_rows, (uint64_t)exit * view->exit_bits, &out->facts);
 }
 
+/* Which kind it is nobody can guess: so facts are read in any case, of a leaf those of some node.
+ */
 SHORT_INLINE void get_child_short(const mni_block *view, mni_child_kind kind, uint32_t inner,
                                   uint32_t exit, mni_child *out) {
-    bool is_exit = kind == MNI_CHILD_SUBTREE;
-    const uint8_t *rows = is_exit ? view->exit_rows : view->node_rows;
+    uint64_t is_exit = 0 - (uint64_t)(kind == MNI_CHILD_SUBTREE);
+    uint64_t is_inner = 0 - (uint64_t)(kind == MNI_CHILD_INNER);
+    uint64_t at = ((uint64_t)exit * view->exit_bits & is_exit) |
+                  ((uint64_t)inner * view->node_bits & is_inner);
     out->kind = kind;
     out->node = inner;
     out->exit = exit;
     out->ref = MN_NONE;
-    if (kind != MNI_CHILD_LEAF)
-        get_facts_short(view, rows,
-                        is_exit ? (uint64_t)exit * view->exit_bits
-                                : (uint64_t)inner * view->node_bits,
-                        &out->facts);
+    get_facts_short(view, view->node_rows + (view->exits_at & is_exit), at, &out->facts);
 }
 
 /* The leaves of the left child, and the steps to the right one. */
@@ -305,10 +307,9 @@ SHORT static void split_short(const mni_block *view, uint32_t node, const mni_pl
         distance = low_bits(way >> 2, view->right_bits);
         exit = low_bits(way >> 2 >> view->right_bits, view->exit_bits_of);
     }
-    uint32_t left = left_leaves == 1 ? MNI_CHILD_LEAF : MNI_CHILD_INNER;
-    uint32_t right = at->leaf_hi - out->leaf_mid == 1 ? MNI_CHILD_LEAF : MNI_CHILD_INNER;
-    left = exits & 1 ? MNI_CHILD_SUBTREE : left;
-    right = exits & 2 ? MNI_CHILD_SUBTREE : right;
+    _Static_assert(MNI_CHILD_LEAF == 0 && MNI_CHILD_INNER == 1 && MNI_CHILD_SUBTREE == 2, "below");
+    uint32_t left = (exits & 1) << 1 | ((uint32_t)(left_leaves > 1) & ~exits);
+    uint32_t right = (exits & 2) | ((uint32_t)(at->leaf_hi - out->leaf_mid > 1) & ~exits >> 1);
     get_child_short(view, left, node + 1, exit, &out->left);
     get_child_short(view, right, node + distance, exit + (exits & 1), &out->right);
 }

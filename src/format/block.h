@@ -103,7 +103,7 @@ typedef struct mni_block {
     bool is_short; /* fields are so narrow that few reads fetch them, by instructions that the
                       processor has; then these say how: */
     uint64_t facts_spread, facts_base;
-    uint32_t delta_base[3];
+    uint32_t delta_base[3], exits_at;      /* bytes from the node rows */
     uint16_t place_at, way_at, simplex_at; /* bits into a row */
     uint8_t order_bits, left_bits, delta_bits[3], right_bits, exit_bits_of, a_bits, b_bits,
         third_bits;

@@ -516,20 +516,34 @@ static uint32_t *reference(mni_front *f, uint32_t parent, uint32_t slot, uint32_
     return &b->child[b->child[0] != from];
 }
 
+/* The float, or 0. */
+static inline float masked(float value, uint32_t mask) {
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits &= mask;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
 /* What its parent's block says of a node, into a slot; its first leaf stands there already. */
 static void node_set(mni_front *f, uint32_t slot, uint32_t parent, uint32_t above,
                      const mni_child *from) {
     mni_front_node *n = &f->node[slot];
-    bool leaf = from->kind == MNI_CHILD_LEAF, is_exit = from->kind == MNI_CHILD_SUBTREE;
+    /* which kind it is nobody can guess */
+    uint32_t inner = 0 - (uint32_t)(from->kind != MNI_CHILD_LEAF);
+    uint32_t exit = 0 - (uint32_t)(from->kind == MNI_CHILD_SUBTREE);
+    mni_front_face *face = &f->face[slot];
     n->parent = parent & MNI_FRONT_NO_PARENT;
     n->witness = MN_NONE;
-    f->face[slot].cone = leaf ? (mn_cone){0} : from->facts.cone;
-    f->face[slot].index = (uint16_t)(is_exit ? from->exit : from->node);
-    n->flags = is_exit ? MNI_NODE_EXIT : 0;
-    f->node[slot].order = leaf ? f->node[slot].leaf_lo : from->facts.order;
-    f->node[slot].above = above;
-    f->radius[slot] = leaf ? 0 : from->facts.radius;
-    f->switch_value[slot] = leaf ? 0 : from->facts.switch_value;
+    n->flags = MNI_NODE_EXIT & exit;
+    n->order = n->leaf_lo ^ ((n->leaf_lo ^ from->facts.order) & inner);
+    n->above = above;
+    face->cone.axis[0] = (int8_t)(from->facts.cone.axis[0] & (int32_t)inner);
+    face->cone.axis[1] = (int8_t)(from->facts.cone.axis[1] & (int32_t)inner);
+    face->cone.angle = (uint8_t)(from->facts.cone.angle & inner);
+    face->index = (uint16_t)(from->node ^ ((from->node ^ from->exit) & exit));
+    f->radius[slot] = masked(from->facts.radius, inner);
+    f->switch_value[slot] = masked(from->facts.switch_value, inner);
     f->node_stamp[slot / MN_FRONT_PAGE] = (uint32_t)f->version;
 }
 

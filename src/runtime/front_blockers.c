@@ -77,15 +77,9 @@ uint32_t mni_front_split_blocker(mni_front *f, uint32_t slot) {
 /* ---- collapses ------------------------------------------------------------------------------- */
 
 /* MN_NONE: none blocks. The sibling's parent is the fork itself. */
-static uint32_t collapse_blocker_near(const mni_front *f, uint32_t slot, uint32_t order) {
-    mni_ring ring;
-    uint32_t mask = mni_ring_block_collapse(f, slot, order, &ring);
-    return mask == 0 ? MN_NONE : ring.slot[__builtin_ctz(mask)];
-}
-
 static uint32_t collapse_blocker_far(mni_front *f, uint32_t slot, uint32_t order) {
     const mni_front_node *n = &f->node[slot];
-    if (witness_stands(f, n) && f->node[n->witness].above < order)
+    if (is_long(f, slot) && witness_stands(f, n) && f->node[n->witness].above < order)
         return n->witness;
     for (mni_run r = mni_run_first(f, slot); r.corner != NULL; r = mni_run_next(f, r))
         for (uint32_t i = 0; i < r.room && r.corner[i] != 0; i++)
@@ -94,7 +88,8 @@ static uint32_t collapse_blocker_far(mni_front *f, uint32_t slot, uint32_t order
                 uint32_t at = mni_corner_slot(f, k ? mni_corner_before(c) : mni_corner_after(c));
                 if (f->node[at].above >= order)
                     continue;
-                witness_set(f, slot, at);
+                if (is_long(f, slot))
+                    witness_set(f, slot, at);
                 return at;
             }
     return MN_NONE;
@@ -102,12 +97,9 @@ static uint32_t collapse_blocker_far(mni_front *f, uint32_t slot, uint32_t order
 
 uint32_t mni_front_collapse_blocker(mni_front *f, uint32_t fork) {
     const mni_front_branch *b = &f->branch[fork];
-    for (int side = 0; side < 2; side++) {
-        uint32_t slot = b->child[side];
-        uint32_t found = is_long(f, slot) ? collapse_blocker_far(f, slot, b->order)
-                                          : collapse_blocker_near(f, slot, b->order);
-        if (found != MN_NONE)
-            return found;
-    }
-    return MN_NONE;
+    uint32_t left = b->child[0], right = b->child[1];
+    if (!is_long(f, left) && !is_long(f, right))
+        return mni_ring_block_collapse(f, left, right, b->order);
+    uint32_t found = collapse_blocker_far(f, left, b->order);
+    return found != MN_NONE ? found : collapse_blocker_far(f, right, b->order);
 }

@@ -71,8 +71,14 @@ static void consider_fork(mni_navigator *nav, uint32_t fork) {
 
 /* Those of a batch of forks that are not wanted, onto the agenda, but those that wait already. */
 static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
+    const mni_front *front = &nav->front;
     uint8_t verdict[MNI_SIEVE_BATCH];
     float margin[MNI_SIEVE_BATCH];
+    for (int i = 0; i < count; i++) {
+        const mni_front_branch *b = &front->branch[fork[i]];
+        mni_sieve_put(&nav->batch, i, &front->position[3 * (size_t)b->slot], b->radius,
+                      b->switch_value, b->face.cone);
+    }
     mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
     for (int i = 0; i < count; i++) {
         bool wants = verdict[i] == MNI_WANTED, waits = mni_waiting_has(&nav->waiting, fork[i]);
@@ -98,12 +104,8 @@ static void collapse_agenda(mni_navigator *nav) {
     for (uint32_t word = 0; 64 * word < front->branches_high; word++)
         for (uint64_t bits = front->forks[word]; bits != 0; bits &= bits - 1) {
             uint32_t at = 64 * word + (uint32_t)__builtin_ctzll(bits);
-            const mni_front_branch *b = &front->branch[at];
-            if (nav->fork_due[at] > nav->clock)
-                continue;
-            mni_sieve_put(&nav->batch, count, &front->position[3 * (size_t)b->slot], b->radius,
-                          b->switch_value, b->face.cone);
-            fork[count++] = at;
+            fork[count] = at;
+            count += nav->fork_due[at] <= nav->clock;
             if (count < MNI_SIEVE_BATCH)
                 continue;
             judge_forks(nav, fork, count);
@@ -113,9 +115,8 @@ static void collapse_agenda(mni_navigator *nav) {
     mni_agenda_begin(&nav->agenda);
 }
 
-/* Does something block the fork? Then it waits. */
-static bool has_to_wait(mni_navigator *nav, uint32_t fork) {
-    uint32_t blocker = mni_front_collapse_blocker(&nav->front, fork);
+/* The fork waits for a node that blocks it, if there is one. */
+static bool has_to_wait(mni_navigator *nav, uint32_t fork, uint32_t blocker) {
     if (blocker != MN_NONE)
         mni_waiting_add(&nav->waiting, fork, blocker);
     return blocker != MN_NONE;
@@ -136,7 +137,7 @@ static void wake(mni_navigator *nav, uint32_t slot) {
  * to where, in the agenda. */
 static uint32_t look_ahead(mni_navigator *nav) {
     mni_front *front = &nav->front;
-    uint32_t count = AHEAD;
+    uint32_t count = AHEAD, blocker[AHEAD];
     mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &count);
     for (uint32_t i = 0; i < count; i++)
         __builtin_prefetch(&front->branch[next[i].what]);
@@ -147,7 +148,9 @@ static uint32_t look_ahead(mni_navigator *nav) {
         for (int side = 0; side < 2; side++)
             mni_front_fetch_simplices(front, front->branch[next[i].what].child[side], false);
     for (uint32_t i = 0; i < count; i++)
-        next[i].order = has_to_wait(nav, next[i].what) ? WAITS : FREE;
+        blocker[i] = mni_front_collapse_blocker(front, next[i].what);
+    for (uint32_t i = 0; i < count; i++)
+        next[i].order = has_to_wait(nav, next[i].what, blocker[i]) ? WAITS : FREE;
     return nav->agenda.next + count;
 }
 
@@ -183,7 +186,9 @@ static void collapse_pass(mni_navigator *nav) {
             looked = look_ahead(nav);
         if (!mni_agenda_pop(&nav->agenda, &item))
             break;
-        if (item.order == WAITS || (item.order == UNTESTED && has_to_wait(nav, item.what)))
+        if (item.order == WAITS ||
+            (item.order == UNTESTED &&
+             has_to_wait(nav, item.what, mni_front_collapse_blocker(&nav->front, item.what))))
             continue;
         MN_ASSERT_SLOW(mni_front_collapse_blocker(&nav->front, item.what) == MN_NONE);
         if (nav->ops_max > 0 && ops(nav) >= nav->ops_max) {

@@ -180,16 +180,26 @@ FAST static uint32_t split_fast(const mni_front *f, uint32_t slot, mni_ring *rin
     return lower ^ 0xffff;
 }
 
-FAST static uint32_t collapse_fast(const mni_front *f, uint32_t slot, uint32_t order,
-                                   mni_ring *ring) {
-    vectors v = look_fast(f, corners_fast(f, slot));
+FAST static inline uint32_t below_fast(const mni_front *f, __m256i slot, __m256i order) {
+    __m256i above = field_fast(f, slot, offsetof(mni_front_node, above));
+    return 0xff ^ equal_fast(_mm256_max_epu32(above, order), above);
+}
+
+/* Both rings at once: which of them blocks is known when memory has answered, and what is guessed
+ * until then would keep the next test from asking it. */
+FAST static uint32_t collapse_fast(const mni_front *f, uint32_t left, uint32_t right,
+                                   uint32_t order) {
+    uint32_t slot[4 * HALF + 1];
+    vectors l = look_fast(f, corners_fast(f, left)), r = look_fast(f, corners_fast(f, right));
     __m256i own = _mm256_set1_epi32((int)order);
-    __m256i after = field_fast(f, v.after, offsetof(mni_front_node, above));
-    __m256i before = field_fast(f, v.before, offsetof(mni_front_node, above));
-    put_fast(ring, v);
-    uint32_t higher = equal_fast(_mm256_max_epu32(after, own), after) |
-                      equal_fast(_mm256_max_epu32(before, own), before) << HALF;
-    return higher ^ 0xffff;
+    uint64_t lower = below_fast(f, l.after, own) | below_fast(f, l.before, own) << HALF;
+    lower |= below_fast(f, r.after, own) << (2 * HALF) | below_fast(f, r.before, own) << (3 * HALF);
+    _mm256_storeu_si256((__m256i *)(void *)slot, l.after);
+    _mm256_storeu_si256((__m256i *)(void *)(slot + HALF), l.before);
+    _mm256_storeu_si256((__m256i *)(void *)(slot + 2 * HALF), r.after);
+    _mm256_storeu_si256((__m256i *)(void *)(slot + 3 * HALF), r.before);
+    slot[4 * HALF] = MN_NONE;
+    return slot[__builtin_ctzll(lower | UINT64_C(1) << (4 * HALF))];
 }
 
 /* lo ≤ leaf < hi, in numbers below 2^31. */
@@ -273,7 +283,7 @@ FAST static uint32_t place_fast(const mni_front *f, uint32_t slot, uint32_t corn
 }
 #else
 #define split_fast(f, slot, ring) 0
-#define collapse_fast(f, slot, order, ring) 0
+#define collapse_fast(f, left, right, order) 0
 #define find_fast(f, ring, leaf) 0
 #define part_fast(f, slot, right, mid) (void)0
 #define join_fast(f, left, right, third, over, over_count) 0
@@ -297,12 +307,18 @@ uint32_t mni_ring_block_split(const mni_front *f, uint32_t slot, mni_ring *ring)
     return above_or_below(f, ring, true, f->node[slot].order);
 }
 
-uint32_t mni_ring_block_collapse(const mni_front *f, uint32_t slot, uint32_t order,
-                                 mni_ring *ring) {
+uint32_t mni_ring_block_collapse(const mni_front *f, uint32_t left, uint32_t right,
+                                 uint32_t order) {
     if (f->vectors)
-        return collapse_fast(f, slot, order, ring);
-    look(f, f->node[slot].corner, ring);
-    return above_or_below(f, ring, false, order);
+        return collapse_fast(f, left, right, order);
+    for (int side = 0; side < 2; side++) {
+        mni_ring ring;
+        look(f, f->node[side ? right : left].corner, &ring);
+        uint32_t lower = above_or_below(f, &ring, false, order);
+        if (lower != 0)
+            return ring.slot[__builtin_ctz(lower)];
+    }
+    return MN_NONE;
 }
 
 uint32_t mni_ring_find(const mni_front *f, const mni_ring *ring, uint32_t leaf) {

@@ -305,6 +305,14 @@ __attribute__((target("avx2"))) static void far_avx2(const mni_sieve *s, const f
 }
 #endif
 
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define WIDE __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,prefer-vector-width=512")))
+WIDE static void judge_avx512(const mni_sieve *s, const mni_sieve_batch *b,
+                              uint8_t verdict[MNI_SIEVE_BATCH], float margin[MNI_SIEVE_BATCH]) {
+    judge_all(s, b, verdict, margin);
+}
+#endif
+
 uint64_t mni_sieve_late(const float due[MNI_SIEVE_BATCH], float clock) {
     uint8_t late[MNI_SIEVE_BATCH];
     uint64_t bits = 0;
@@ -331,6 +339,13 @@ void mni_sieve_far(const mni_sieve *s, const float *position, const float *radiu
 
 void mni_sieve_judge(const mni_sieve *s, const mni_sieve_batch *b, uint8_t verdict[MNI_SIEVE_BATCH],
                      float margin[MNI_SIEVE_BATCH]) {
+#ifdef WIDE
+    if (__builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
+        __builtin_cpu_supports("avx512dq")) {
+        judge_avx512(s, b, verdict, margin);
+        return;
+    }
+#endif
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2")) {
         judge_avx2(s, b, verdict, margin);

@@ -183,18 +183,29 @@ void mni_store_add(mni_store *store, mni_entry entry) {
     store->table.entry[entry].usage++;
 }
 
+static inline void attempt_over(mni_store *store) {
+    if (store->kind->attempt_over != NULL)
+        store->kind->attempt_over(store->blocks);
+}
+
 void mni_store_sub(mni_store *store, mni_entry entry) {
     MN_ASSERT(entry < store->table.max);
-    uint32_t block_id = store->table.entry[entry].ref.id;
+    mni_ancestor *lowered = &store->table.entry[entry];
+    if (lowered->usage > 1) { /* nearly always */
+        lowered->usage--;
+        attempt_over(store);
+        return;
+    }
+    uint32_t block_id = lowered->ref.id;
     if (mni_ancestors_lower(&store->table, entry))
         store->kind->leave(store->blocks, block_id,
                            mni_ancestors_find(&store->table, block_id) == MNI_NO_ENTRY);
     else
-        store->kind->attempt_over(store->blocks);
+        attempt_over(store);
 }
 
 void mni_store_attempt_over(mni_store *store) {
-    store->kind->attempt_over(store->blocks);
+    attempt_over(store);
 }
 
 mni_refusal mni_store_refusal(const mni_store *store) {

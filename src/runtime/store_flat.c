@@ -273,10 +273,6 @@ static void flat_leave(void *self, uint32_t block_id, bool gone) {
     (void)self, (void)block_id, (void)gone;
 }
 
-static void flat_attempt_over(void *self) {
-    (void)self;
-}
-
 static void flat_frame_begin(void *self) {
     ((flat *)self)->frame++;
 }
@@ -326,9 +322,9 @@ static uint32_t flat_entries_max(const mn_header *header, uint32_t k) {
     {                                                                                              \
         .need_bytes = need, .entries_max = flat_entries_max, .open = opened, .close = flat_close,  \
         .enter = flat_enter, .leave = flat_leave, .overflow = flat_enter,                          \
-        .attempt_over = flat_attempt_over, .frame_begin = flat_frame_begin,                        \
-        .frame_end = flat_frame_end, .drain = flat_drain, .pending = flat_pending,                 \
-        .epoch = flat_epoch, .resident = flat_resident, .stats = flat_stats, .check = flat_check,  \
+        .frame_begin = flat_frame_begin, .frame_end = flat_frame_end, .drain = flat_drain,         \
+        .pending = flat_pending, .epoch = flat_epoch, .resident = flat_resident,                   \
+        .stats = flat_stats, .check = flat_check,                                                  \
     }
 const mni_store_kind mni_store_mapped = FLAT_KIND(mapped_need_bytes, mapped_open);
 const mni_store_kind mni_store_resident = FLAT_KIND(resident_need_bytes, resident_open);

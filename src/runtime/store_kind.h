@@ -34,7 +34,7 @@ typedef struct mni_store_kind {
     void (*leave)(void *self, uint32_t block_id, bool gone);
     mni_answer (*overflow)(void *self, const mni_wish *wish, const void **bytes);
     /* A node has left a block that stays in use: whatever was tried is over. */
-    void (*attempt_over)(void *self);
+    void (*attempt_over)(void *self); /* NULL: nothing to do */
     /* Of the last MNI_REFUSED; and what the rules leave for blocks that are not in use. NULL: there
      * are no rules. */
     mni_refusal (*refusal)(const void *self);
