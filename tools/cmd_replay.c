@@ -34,7 +34,7 @@ typedef struct replay {
     session_options options;
     const char *csv_name, *trace_name, *images_dir;
     uint64_t images_every;
-    bool settle, paced, from_roots;
+    bool settle, paced, from_settled; /* the first picture is there before the first frame */
 
     mn_path *path;
     mn_session *session;
@@ -50,8 +50,9 @@ static void help(void) {
         "usage: metanode replay FILE.mnt --path P [OPTION …]\n\n"
         "Navigates along a path without a window, and prints how it went.\n\n%s"
         "  --settle          then let the last camera stand until settled, and go to the roots\n"
-        "  --open O          settled: before the first frame its camera stands until all is there\n"
-        "                    (default); roots: the first frame begins with the roots\n"
+        "  --open O          roots: the first frame begins with the roots (default); settled: "
+        "before\n"
+        "                    the first frame its camera stands until all is there\n"
         "  --paced           frames in real time even where no disk needs it, and nothing counted\n"
         "                    between them that takes long: to compare times\n"
         "  --csv F           a row a frame\n"
@@ -75,7 +76,7 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
                                             {"open", required_argument, NULL, OPEN},
                                             {"help", no_argument, NULL, 'h'},
                                             {0, 0, 0, 0}};
-    static const char *const opens[] = {"settled", "roots", NULL};
+    static const char *const opens[] = {"roots", "settled", NULL};
     int found, open;
     *code = MN_OK;
     session_options_init(&r->options);
@@ -112,10 +113,10 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
         case OPEN:
             open = cli_choice(optarg, opens);
             if (open < 0) {
-                *code = cli_error(MN_USAGE, "replay: --open '%s': settled or roots", optarg);
+                *code = cli_error(MN_USAGE, "replay: --open '%s': roots or settled", optarg);
                 return false;
             }
-            r->from_roots = open == 1;
+            r->from_settled = open == 1;
             break;
         case 'h':
             help();
@@ -354,7 +355,7 @@ int cmd_replay(int argc, char **argv) {
         cli_alloc_mark();
         if (code == MN_OK && !r->options.json)
             say_plan(r);
-        if (code == MN_OK && !r->from_roots)
+        if (code == MN_OK && r->from_settled)
             code = opening(r, &st);
         if (code == MN_OK)
             code = run_frames(r, &camera, &st);

@@ -215,9 +215,19 @@ static uint64_t max_u64(uint64_t a, uint64_t b) {
     return a > b ? a : b;
 }
 
+/* And a part of the whole: pages that the allocator has not given back when the next phase begins.
+ */
+enum { SPARE_PART = 20 };
+
+static uint64_t work_of(uint64_t ram_bytes) {
+    const uint64_t beside = BESIDE_BYTES + ram_bytes / SPARE_PART;
+    return ram_bytes > beside ? ram_bytes - beside : 1;
+}
+
 /* --ram for so much of a phase, as a number to type. */
 static unsigned long long ram_for(uint64_t work_bytes) {
-    return (work_bytes + BESIDE_BYTES + (1 << 20) - 1) >> 20;
+    const uint64_t all = (work_bytes + BESIDE_BYTES) * SPARE_PART / (SPARE_PART - 1) + 1;
+    return (all + (1 << 20) - 1) >> 20;
 }
 
 /* Each phase has all that is left by the program:
@@ -233,7 +243,7 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
     uint64_t need =
         max_u64(MNI_EXTMESH_WORK_MIN, max_u64(mni_rounds_work_min(m->simplify.cell_vertices),
                                               mni_order_work_min(vertices)));
-    m->work_bytes = ram == 0 ? 0 : ram > BESIDE_BYTES ? ram - BESIDE_BYTES : 1;
+    m->work_bytes = ram == 0 ? 0 : work_of(ram);
     const uint64_t less = m->simplify.work_bytes;
     if (less != 0 && less < need)
         return mn_fail(m->st, MN_CAP_TOO_SMALL, "%s: %llu bytes to work in are too few: try %llu",

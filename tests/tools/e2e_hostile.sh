@@ -617,7 +617,6 @@ compare good.obj
 compare good.obj good.obj good.obj
 compare good.obj good.obj --samples 0
 bench press
-stress good.mnt
 tune good.obj
 END
 }
