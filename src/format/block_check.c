@@ -62,7 +62,8 @@ bool mni_sphere_encloses(const float position[3], float radius, const float chil
  * bits do. */
 static bool bound_ok(float value, float above) {
     uint32_t bits = mni_float_bits(value);
-    return (bits < mni_float_bits(INFINITY)) & (bits <= mni_float_bits(above));
+    int finite = bits < mni_float_bits(INFINITY), below = bits <= mni_float_bits(above);
+    return finite & below;
 }
 
 /* Corners of a simplex killed by a node [lo, mid, hi). */
@@ -81,10 +82,12 @@ static bool simplex_ok(const uint32_t corner[3], uint32_t lo, uint32_t mid, uint
 /* Do a node's facts nest in its parent's? Whoever is sound fails nowhere: so one question. */
 static inline bool facts_ok(const checker *c, const mni_facts *facts, const mni_facts *parent,
                             double reach) {
-    return (facts->order - c->limits->leaves < c->limits->nodes - c->limits->leaves) &
-           (facts->order < parent->order) & bound_ok(facts->switch_value, parent->switch_value) &
-           bound_ok(facts->radius, parent->radius) &
-           sphere_holds(parent->radius, reach, facts->radius);
+    int is_inner = facts->order - c->limits->leaves < c->limits->nodes - c->limits->leaves;
+    int falls = facts->order < parent->order;
+    int switches = bound_ok(facts->switch_value, parent->switch_value);
+    int bounded = bound_ok(facts->radius, parent->radius);
+    int held = sphere_holds(parent->radius, reach, facts->radius);
+    return is_inner & falls & switches & bounded & held;
 }
 
 /* Simplices of a node: a corner in each child, the third outside, far rows in their turn. Corners
