@@ -42,8 +42,10 @@ enum { SLACKS = sizeof slack / sizeof slack[0] };
  * places all over the model). */
 enum { STUCK_PART = 64, STUCK_ROUNDS = 2 };
 
-/* Of what is left beside the usual cells, this part is for those that are not. */
-enum { SPARE_PART = 4 };
+/* Of what is left beside the usual cells, this share is for those that are not; where that is
+ * little, more, up to half a cell: the Earth's poles, of 4,320 triangles each, take a third more
+ * than is usual, and 16 MB must do for them. */
+static const double SPARE_SHARE = 0.125, SPARE_SHARE_MAX = 0.4;
 
 enum { THREADS_MAX = 16, MMAP_BYTES = 64 << 10 };
 
@@ -167,7 +169,8 @@ static mn_code check_room(const rounds *r, uint64_t bytes) {
     if (bytes <= r->cells_bytes)
         return MN_OK;
     uint64_t more = bytes - r->cells_bytes; /* of which cells get a share */
-    uint64_t all = MNI_PROGRAM_BYTES + r->desc.work_bytes + SPARE_PART * more;
+    uint64_t all =
+        MNI_PROGRAM_BYTES + r->desc.work_bytes + (uint64_t)((double)more * 1.1 / SPARE_SHARE);
     return mn_fail(r->st, MN_CAP_TOO_SMALL,
                    "a part of the model that cannot be cut takes %llu MB; try --ram %lluM",
                    (unsigned long long)(bytes >> 20), (unsigned long long)((all >> 20) + 1));
@@ -633,7 +636,9 @@ static void plan_memory(rounds *r) {
     while (d->threads > 1 && one * d->threads > d->work_bytes / 2)
         d->threads--;
     r->cells_bytes = one * d->threads;
-    r->cells_bytes += (d->work_bytes - r->cells_bytes) / SPARE_PART;
+    double rest = (double)(d->work_bytes - r->cells_bytes), some = SPARE_SHARE_MAX * rest;
+    some = fmin(some, (double)one / 2);
+    r->cells_bytes += (uint64_t)fmax(some, SPARE_SHARE * rest);
     r->sort_bytes = d->work_bytes - r->cells_bytes;
 }
 

@@ -208,26 +208,24 @@ static mn_code take_tree(maker *m) {
  */
 
 /* What the process takes besides a phase's own: the program, buffers of readers and writers, stacks
- * of threads, what the allocator keeps for itself. */
-enum { BESIDE_BYTES = MNI_PROGRAM_BYTES + (1 << 20) };
+ * of threads. Of a cap above SMALL_RAM a part is kept in hand: pages that the allocator has not
+ * given back when the next phase begins (the Earth: 69.6 MB under 64 without, 66.3 with it). */
+enum { BESIDE_BYTES = MNI_PROGRAM_BYTES, SMALL_RAM = 16 << 20, SPARE_PART = 11 };
 
 static uint64_t max_u64(uint64_t a, uint64_t b) {
     return a > b ? a : b;
 }
 
-/* And a part of the whole: pages that the allocator has not given back when the next phase begins.
- */
-enum { SPARE_PART = 20 };
-
 static uint64_t work_of(uint64_t ram_bytes) {
-    const uint64_t beside = BESIDE_BYTES + ram_bytes / SPARE_PART;
-    return ram_bytes > beside ? ram_bytes - beside : 1;
+    const uint64_t spare = ram_bytes > SMALL_RAM ? (ram_bytes - SMALL_RAM) / SPARE_PART : 0;
+    return ram_bytes > BESIDE_BYTES ? ram_bytes - BESIDE_BYTES - spare : 1;
 }
 
 /* --ram for so much of a phase, as a number to type. */
 static unsigned long long ram_for(uint64_t work_bytes) {
-    const uint64_t all = (work_bytes + BESIDE_BYTES) * SPARE_PART / (SPARE_PART - 1) + 1;
-    return (all + (1 << 20) - 1) >> 20;
+    const uint64_t small = work_bytes + BESIDE_BYTES;
+    const uint64_t spare = small > SMALL_RAM ? (small - SMALL_RAM) / (SPARE_PART - 1) + 1 : 0;
+    return (small + spare + (1 << 20) - 1) >> 20;
 }
 
 /* Each phase has all that is left by the program:
