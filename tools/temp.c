@@ -6,6 +6,7 @@
 
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <libgen.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,13 +51,30 @@ mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, mn_
     return MN_OK;
 }
 
+/* What a build before this one has left in the folder of finished phases. */
+static uint64_t kept_bytes(const char *work) {
+    uint64_t bytes = 0;
+    struct stat info;
+    DIR *list = opendir(work);
+    const struct dirent *entry;
+    while (list != NULL && (entry = readdir(list)) != NULL)
+        if (fstatat(dirfd(list), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) == 0 &&
+            S_ISREG(info.st_mode))
+            bytes += (uint64_t)info.st_blocks * 512;
+    if (list != NULL)
+        closedir(list);
+    return bytes;
+}
+
 mn_code temp_check(const temp_files *files, const char *out, mn_status *st) {
     struct statvfs disk;
     if (statvfs(files->folder, &disk) != 0)
         return mn_fail(st, MN_FAILED, "%s: %s; name another folder with --temp-dir", files->folder,
                        strerror(errno));
     const double planned = (double)files->planned_bytes;
-    const double left = (double)disk.f_bavail * (double)disk.f_frsize;
+    /* what is kept is gone on with, as a part of what is planned, or cleared */
+    const double left =
+        (double)disk.f_bavail * (double)disk.f_frsize + (double)kept_bytes(files->work);
     if (left < planned)
         return mn_fail(
             st, MN_NO_SPACE,

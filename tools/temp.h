@@ -18,7 +18,8 @@ typedef struct temp_files {
 
 /* Chooses both folders; temp_dir may be NULL. MN_FAILED: a name that is too long. */
 mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, mn_status *st);
-/* MN_NO_SPACE where the folder's disk has less room than what is planned. On a terminal that plan
+/* MN_NO_SPACE where the folder's disk has less room than what is planned; what an earlier build has
+ * kept counts as room. On a terminal that plan
  * is told, on standard error. out: for whose sake. */
 mn_code temp_check(const temp_files *files, const char *out, mn_status *st);
 /* Adds up what this process holds, by its open files. At most 20 times a second; otherwise nothing

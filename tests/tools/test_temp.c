@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -103,6 +104,28 @@ START_TEST(what_is_held) {
 }
 END_TEST
 
+/* A build that goes on after a kill needs no room for what it has already, nor does one that clears
+ * it: both were refused on a disk that was fuller than the plan. */
+START_TEST(what_is_kept_is_room) {
+    enum { KEPT_BYTES = 64 << 20 };
+    mn_status st = {0};
+    struct statvfs disk;
+    char out[64], path[PATH_MAX + 8];
+    snprintf(out, sizeof out, "%s/out", folder);
+    place(out, NULL);
+    ck_assert_int_eq(mkdir(files.work, 0700), 0);
+    int kept = file_of("out.work/2-0", 1);
+    ck_assert_int_eq(posix_fallocate(kept, 0, KEPT_BYTES), 0);
+    ck_assert_int_eq(statvfs(folder, &disk), 0);
+    files.planned_bytes = disk.f_bavail * disk.f_frsize + KEPT_BYTES / 2;
+    ck_assert_msg(temp_check(&files, out, &st) == MN_OK, "%s", st.text);
+    close(kept);
+    snprintf(path, sizeof path, "%s/2-0", files.work);
+    unlink(path);
+    rmdir(files.work);
+}
+END_TEST
+
 START_TEST(room) {
     mn_status st = {0};
     char out[64];
@@ -129,6 +152,7 @@ int main(void) {
     TCase *tc = tcase_create("temp");
     tcase_add_test(tc, places);
     tcase_add_test(tc, what_is_held);
+    tcase_add_test(tc, what_is_kept_is_room);
     tcase_add_test(tc, room);
     suite_add_tcase(suite, tc);
     const int failed = suite_run(suite);
