@@ -226,9 +226,15 @@ void mni_deal_counts(const mni_deal *d, uint32_t c, uint32_t *vertices, uint32_t
 }
 
 void mni_deal_bytes(const mni_deal *d, uint64_t *read, uint64_t *written) {
-    mni_sort_figures a = mni_sort_figures_get(d->copies), b = mni_sort_figures_get(d->ghosts);
-    *read = d->lacks_read + a.bytes_read + b.bytes_read;
-    *written = d->lacks_written + a.bytes_written + b.bytes_written;
+    const mni_sort *const sorts[] = {d->copies, d->ghosts};
+    *read = d->lacks_read;
+    *written = d->lacks_written;
+    for (int i = 0; i < 2; i++)
+        if (sorts[i] != NULL) { /* or opening failed before */
+            mni_sort_figures f = mni_sort_figures_get(sorts[i]);
+            *read += f.bytes_read;
+            *written += f.bytes_written;
+        }
 }
 
 void mni_deal_close(mni_deal *d) {

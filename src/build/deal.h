@@ -48,7 +48,8 @@ typedef struct mni_hand {
 
 typedef struct mni_deal mni_deal;
 
-/* Finds what crosses, and the box of all vertices. mesh outlives it, and is read alone. */
+/* Finds what crosses, and the box of all vertices. mesh outlives it, and is read alone. On failure
+ * bytes may be asked for all the same, and it is to be closed. */
 mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *desc, mn_status *st);
 void mni_deal_box(const mni_deal *deal, float low[3], float high[3]);
 /* What cell c will have, ghosts among the vertices. */

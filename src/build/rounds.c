@@ -653,7 +653,7 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
                 .lock = PTHREAD_MUTEX_INITIALIZER,
                 .turn = PTHREAD_COND_INITIALIZER};
     uint64_t least = mni_rounds_work_min(desc->cell_vertices);
-    *out = (mni_history){.collapse.fd = -1, .killed.fd = -1};
+    *out = MNI_HISTORY_CLOSED;
     if (desc->work_bytes > 0 && desc->work_bytes < least)
         return mn_fail(st, MN_CAP_TOO_SMALL, "simplifying needs --ram %lluM",
                        (unsigned long long)((least + MNI_PROGRAM_BYTES) >> 20) + 1);

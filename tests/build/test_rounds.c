@@ -263,13 +263,32 @@ START_TEST(too_small_a_cap_names_one_that_does) {
         desc.work_bytes = i == 0 ? 1 << 20 : mni_rounds_work_min(desc.cell_vertices);
         st = (mn_status){0};
         ck_assert_int_eq(mni_rounds(&m.external, &desc, &h, &st), MN_CAP_TOO_SMALL);
-        ck_assert_int_eq(h.collapse.fd, -1);
+        ck_assert_int_eq(h.collapse.fd, -1); /* closed: closing it again is harmless */
+        ck_assert_int_eq(h.killed.fd, -1);
+        ck_assert_int_eq(h.group.fd, -1);
     }
     unsigned megabytes;
     ck_assert_msg(sscanf(strstr(st.text, "--ram"), "--ram %uM", &megabytes) == 1, "%s", st.text);
     desc.work_bytes = ((uint64_t)megabytes << 20) - MNI_PROGRAM_BYTES;
     h = make_history(&m, &desc);
     mni_history_close(&h);
+    drop(&m);
+}
+END_TEST
+
+/* Rounds ask what was moved whether or not dealing could begin: that crashed. */
+START_TEST(no_memory_to_deal_in_is_told) {
+    random_mesh m;
+    mni_deal *deal;
+    mn_status st = {0};
+    uint64_t bytes[2];
+    const mni_deal_desc desc = {.cells = 2, .work_bytes = UINT64_C(1) << 60, .temp_dir = "/tmp"};
+    make_globe(&m, 3, 10);
+    write_out(&m);
+    ck_assert_int_eq(mni_deal_open(&deal, &m.external, &desc, &st), MN_FAILED);
+    mni_deal_bytes(deal, &bytes[0], &bytes[1]);
+    ck_assert_uint_eq(bytes[0] + bytes[1], 0);
+    mni_deal_close(deal);
     drop(&m);
 }
 END_TEST
@@ -320,6 +339,7 @@ int main(void) {
     tcase_set_timeout(tc, 120);
     tcase_add_test(tc, cells_are_dealt_what_is_theirs);
     tcase_add_loop_test(tc, the_history_is_the_meshs_alone, 0, KINDS);
+    tcase_add_test(tc, no_memory_to_deal_in_is_told);
     tcase_add_test(tc, too_small_a_cap_names_one_that_does);
     tcase_add_loop_test(tc, a_disk_that_fills, 0, 2);
     suite_add_tcase(suite, tc);
