@@ -92,8 +92,8 @@ static bool add_normal(mni_rows *rows, const uint32_t corner[3], double normal[3
     mni_row row[3];
     double e[2][3];
     uint32_t ignored;
-    for (int k = 0; k < 3; k++)
-        if (!mni_rows_get(rows, corner[k], &row[k], &ignored))
+    for (int k = 0; k < 3; k++) /* read once more: what was checked may have changed since */
+        if (corner[k] >= rows->source.rows || !mni_rows_get(rows, corner[k], &row[k], &ignored))
             return false;
     for (int k = 0; k < 2; k++)
         for (int i = 0; i < 3; i++)
@@ -123,8 +123,11 @@ static bool add_normals(mni_rows *rows, uint32_t top, double normal[3]) {
 
 mn_code mni_found_shape(const mni_found *found, mni_rows *rows, mn_header *h, mn_status *st) {
     double normal[3] = {0, 0, 0};
-    if (!add_normals(rows, found->top, normal))
-        return mni_rows_trouble(rows, st);
+    if (!add_normals(rows, found->top, normal)) {
+        mn_code code = mni_rows_trouble(rows, st);
+        return code != MN_OK ? code
+                             : mn_fail(st, MN_FAILED, "the tree has changed while it was read");
+    }
     double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
     memcpy(h->box_min, found->box_min, sizeof h->box_min);
     memcpy(h->box_max, found->box_max, sizeof h->box_max);

@@ -15,6 +15,7 @@
 #include <xxhash.h>
 
 #include "block_rows.h"
+#include "plan.h"
 #include "suite.h"
 #include "tree.h"
 #include "tree_fixture.h"
@@ -276,6 +277,27 @@ START_TEST(lies_are_found_out) {
 }
 END_TEST
 
+/* The normal at the dive point is summed when all blocks are written, and the file read for it once
+ * more: a corner that was none by then ended the program. */
+START_TEST(a_tree_that_changes_is_told) {
+    filed f;
+    mni_rows rows;
+    mn_status st = {0};
+    mn_header h;
+    make_filed(0, 12, &f);
+    mni_row_simplex *simplex = (mni_row_simplex *)(void *)f.section[MNI_SIMPLICES];
+    const mni_found found = {.top = simplex[0].corner[0]};
+    ck_assert(simplex[0].corner[2] != MN_NONE);
+    ck_assert(mni_rows_open(&rows, &f.memory, 0, &st) == MN_OK);
+    ck_assert(mni_found_shape(&found, &rows, &h, &st) == MN_OK);
+    simplex[0].corner[2] = f.tree.leaves;
+    ck_assert_int_eq(mni_found_shape(&found, &rows, &h, &st), MN_FAILED);
+    ck_assert_str_eq(st.text, "the tree has changed while it was read");
+    mni_rows_close(&rows);
+    close_filed(&f);
+}
+END_TEST
+
 /* What no block shows: rows that nobody refers to, counts that are others'. */
 START_TEST(heads_that_do_not_fit_are_refused) {
     filed f;
@@ -371,6 +393,7 @@ int main(void) {
     tcase_add_loop_test(t, rows_are_read_as_they_stand, 0, 4);
     tcase_add_loop_test(t, the_same_bytes_in_any_memory, 0, KINDS);
     tcase_add_loop_test(t, lies_are_found_out, 0, KINDS);
+    tcase_add_test(t, a_tree_that_changes_is_told);
     tcase_add_test(t, heads_that_do_not_fit_are_refused);
     tcase_add_test(t, files_that_end_early_are_told);
     tcase_add_test(t, nothing_is_lost_by_a_full_disk);
