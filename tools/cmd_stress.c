@@ -288,8 +288,9 @@ static void run_seed(const options *asked, const mn_header *header, uint64_t see
     run again = first;
     const bool twice = first.desc.io == MN_IO_SIM && first.desc.io_serial;
     bool opened = run_once(&first, &st) || opens_not(&first, &st);
-    if (opened && twice && run_once(&again, &st) &&
-        memcmp(&first.record, &again.record, sizeof first.record) != 0)
+    if (opened && twice &&
+        (!run_once(&again, &st) || strcmp(first.v.wrong, again.v.wrong) != 0 ||
+         memcmp(&first.record, &again.record, sizeof first.record) != 0))
         WRONG(&first, "two runs of one seed are not the same");
     *out = first.v;
 }
@@ -303,6 +304,14 @@ static void child(const options *asked, const mn_header *header, uint64_t seed, 
     alarm(RUN_SECONDS_MAX);
     run_seed(asked, header, seed, &v);
     _exit(write(to, &v, sizeof v) == (ssize_t)sizeof v ? 0 : 1);
+}
+
+/* An interrupt is for the loop over runs: the child comes to its end. */
+static bool hear(int from, verdict *v) {
+    ssize_t got;
+    while ((got = read(from, v, sizeof *v)) < 0 && errno == EINTR)
+        continue;
+    return got == (ssize_t)sizeof *v;
 }
 
 /* What the child says, or how it ended. false: there could be none. */
@@ -319,7 +328,7 @@ static bool run_apart(const options *asked, const mn_header *header, uint64_t se
         child(asked, header, seed, ends[1]);
     }
     close(ends[1]);
-    bool told = pid > 0 && read(ends[0], v, sizeof *v) == (ssize_t)sizeof *v;
+    bool told = pid > 0 && hear(ends[0], v);
     close(ends[0]);
     if (pid < 0)
         return mn_fail(st, MN_FAILED, "stress: no process: %s", strerror(errno)) == MN_OK;
