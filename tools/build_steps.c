@@ -196,8 +196,8 @@ mn_code build_block(build_steps *b) {
 mn_code build_write(build_steps *b) {
     const mn_watch watch = {progress, b};
     mn_code code = mn_vdt_write(b->vdt, b->out, &watch, &b->st);
-    if (code == MN_OK)
-        b->blocked.bytes_written = cli_file_bytes(b->out);
+    if (code == MN_OK) /* a copy */
+        b->blocked.bytes_read = b->blocked.bytes_written = cli_file_bytes(b->out);
     return code;
 }
 
