@@ -50,9 +50,8 @@ static void help(void) {
         "usage: metanode replay FILE.mnt --path P [OPTION …]\n\n"
         "Navigates along a path without a window, and prints how it went.\n\n%s"
         "  --settle          then let the last camera stand until settled, and go to the roots\n"
-        "  --open O          roots: the first frame begins with the roots (default); settled: "
-        "before\n"
-        "                    the first frame its camera stands until all is there\n"
+        "  --open O          roots: the first frame begins with the roots (default); settled:\n"
+        "                    before the first frame its camera stands until all is there\n"
         "  --paced           frames in real time even where no disk needs it, and nothing counted\n"
         "                    between them that takes long: to compare times\n"
         "  --csv F           a row a frame\n"
@@ -244,8 +243,8 @@ static double seconds_now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* A path is a part of a navigation, not its start: so what the first picture needs is there before
- * the first frame, and is told apart. */
+/* For a path that is a part of a navigation, not its start (--open settled): what the first picture
+ * needs is there before the first frame, and is told apart. */
 static mn_code opening(replay *r, mn_status *st) {
     replay_figures *f = &r->figures;
     mn_session_stats before, after;

@@ -136,10 +136,10 @@ typedef struct mn_simplify_desc {
                                 memory; 0: all that is left */
     uint32_t stop_triangles; /* stop when at most so many are left, for benches; then
                                 only out->counts is filled; 0: never */
-    /* What does not fit is simplified in rounds, cell by cell; a tree of the same quality, but not
-     * the same tree. It depends on the mesh, the metric and cell_vertices alone. */
-    uint32_t
-        cell_vertices; /* in rounds, whatever fits, of such cells; 0: only if need be, of 8192 */
+    /* In rounds a mesh is simplified cell by cell: a tree of the same quality, but not the same
+     * tree. It depends on the mesh, the metric and cell_vertices alone. mn_vdt_make always goes in
+     * rounds, mn_simplify where memory has no room for all at once, or where this is not 0. */
+    uint32_t cell_vertices; /* of a cell; 0: 8192 */
     uint32_t position_bits; /* of the grid (mn_mesh_quantise), where it is not made before; 0:
                                MN_POSITION_BITS */
     uint32_t threads;       /* of rounds; 0: 1 */

@@ -11,13 +11,13 @@
  *   order ids: nodes with near ids in one place are active together. (By switch value, fronts of
  *   the same cameras kept 1.1 to 1.4 times the blocks in use.)
  * - A run has many subtrees, RUN_SHARE of the nodes of a block: a front that passes just below
- * their roots finds as many active nodes in the block, where one deep subtree would give it two.
+ *   their roots finds as many active nodes in the block, where one deep subtree would give it two.
  * - What stands below a block of few exits is blocks of whole subtrees right below it: exits are
  *   gathered into each until the last byte is taken, and only the last of them stays part empty.
  * - So that this one is full too, a run is fitted: its block and those below it are packed for
  *   trial, and the run given subtrees or relieved of some until they come to whole blocks. What
- * each whole subtree takes is measured once and added up, so a trial does not look at most nodes
- * again.
+ *   each whole subtree takes is measured once and added up, so a trial does not look at most nodes
+ *   again.
  *
  * Hides: the grouping, and the room kept for references, whose number is known only after the exits
  * are grouped: a block that then turns out too long is filled again with more room kept.

@@ -154,8 +154,7 @@ static void begin_group(mni_ext_edges *e, uint32_t vertex) {
     e->heavy = e->late[bit / 64] >> bit % 64 & 1;
 }
 
-/* ---- the heap ----------------------------------------------------------------------------------
- */
+/* ---- the heap -------------------------------------------------------------------------------- */
 
 static void push(mni_ext_edges *e, const waiting *w) {
     if (e->count == e->max) {
@@ -185,8 +184,7 @@ static waiting pop(mni_ext_edges *e) {
     return top;
 }
 
-/* ---- the sweep ---------------------------------------------------------------------------------
- */
+/* ---- the sweep ------------------------------------------------------------------------------- */
 
 /* The groups of all vertices below this one are complete; its own is begun. */
 static void move_to(mni_extintake *x, uint64_t vertex) {

@@ -104,8 +104,7 @@ static uint32_t vertex_of(const mni_extintake *x, uint32_t place) {
     return rank + (uint32_t)__builtin_popcountll(x->used[word] & below);
 }
 
-/* ---- all of them -------------------------------------------------------------------------------
- */
+/* ---- all of them ----------------------------------------------------------------------------- */
 
 static bool write_triangles(mni_extintake *x) {
     mni_spill_writer w;
@@ -149,8 +148,7 @@ static bool count_different(mni_extintake *x, mni_sort *sort, size_t bytes, uint
     return x->st->code == MN_OK;
 }
 
-/* ---- vertices ----------------------------------------------------------------------------------
- */
+/* ---- vertices -------------------------------------------------------------------------------- */
 
 /* The next place in use, from a reader of placed ones; false: no more. */
 static bool next_used(mni_extintake *x, mni_spill_reader *r, uint64_t *place, mni_ext_wide *out) {

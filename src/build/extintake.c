@@ -71,8 +71,7 @@ void mni_ext_too_small(mni_extintake *x, uint64_t vertices, uint64_t work_bytes)
             (unsigned long long)vertices, (unsigned long long)((ram + unit - 1) / unit));
 }
 
-/* ---- open, close -------------------------------------------------------------------------------
- */
+/* ---- open, close ----------------------------------------------------------------------------- */
 
 static bool open_buffers(mni_extintake *x) {
     uint64_t work = x->desc.work_bytes, each = work / BUFFERS_SHARE / MNI_EXT_BUFFERS;
@@ -146,8 +145,7 @@ void mni_extmesh_close(mni_extmesh *mesh) {
     mni_spill_close(&mesh->triangle);
 }
 
-/* ---- pushing -----------------------------------------------------------------------------------
- */
+/* ---- pushing --------------------------------------------------------------------------------- */
 
 /* Looks at the disk's answers now and then: a reader is to stop when the disk is full. */
 static bool written(mni_extintake *x) {
@@ -214,8 +212,7 @@ bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c
     return x->triangles % 1024 != 0 || written(x);
 }
 
-/* ---- the steps ---------------------------------------------------------------------------------
- */
+/* ---- the steps ------------------------------------------------------------------------------- */
 
 static bool end_pushing(mni_extintake *x) {
     mni_spill_end(&x->to_narrow);

@@ -339,8 +339,7 @@ static bool sort_held(mni_sort *s) {
     return false;
 }
 
-/* ---- merging -----------------------------------------------------------------------------------
- */
+/* ---- merging --------------------------------------------------------------------------------- */
 
 static inline bool beats(const leaf *a, const leaf *b) {
     if (a->key.high != b->key.high)
@@ -446,8 +445,7 @@ static void merge_runs(mni_sort *s, uint32_t first, uint32_t ways) {
     s->run[first] = whole;
     memmove(&s->run[first + 1], &s->run[first + ways], (s->runs - first - ways) * sizeof *s->run);
     s->runs -= ways - 1;
-    s->last =
-        (key){UINT64_MAX, UINT64_MAX}; /* the newest may be this one: none can go on with it */
+    s->last = (key){UINT64_MAX, UINT64_MAX}; /* it may be the newest: none can go on with it */
     s->figures.merges++;
 }
 
@@ -467,8 +465,7 @@ static uint32_t cheapest(const mni_sort *s, uint32_t ways) {
     return first;
 }
 
-/* ---- from the outside --------------------------------------------------------------------------
- */
+/* ---- from the outside ------------------------------------------------------------------------ */
 
 /* Sorts what is in memory and writes it, as a run of its own or as the end of the newest. */
 static void spill_held(mni_sort *s) {

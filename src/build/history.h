@@ -49,7 +49,7 @@ typedef struct mni_history_collapse {
     uint64_t facts; /* radius, cone, switch values of left and right */
 } mni_history_collapse;
 
-enum { MNI_FACTS_VALUE_BITS = 13, MNI_FACTS_RADIUS_BITS = 12, MNI_FACTS_CONE_BITS = 24 };
+enum { MNI_FACTS_VALUE_BITS = 13 };
 /* Facts, from the lowest bit: switch value of the left child, of the right one, radius and cone of
  * the node: floats as their bits, without those that are always 0. */
 static inline uint32_t mni_facts_left_value(uint64_t facts) {

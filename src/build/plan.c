@@ -22,8 +22,7 @@ mn_code mni_plan_open(mni_plan *plan, const mn_tree *head, mni_rows *rows,
         .st = st,
         .limits = mni_row_limits_of(head, rows->source.has_colors),
         .overflow_bytes = overflow_bytes,
-        /* half a packed block: the node itself, its subtree's record and the head fit in the rest
-         */
+        /* half a packed block: the node, its subtree's record and the head fit in the rest */
         .simplices_max = (packed ? overflow_bytes / 2 : overflow_bytes) / SIMPLEX_BYTES_MAX};
     mni_found_none(&plan->found);
     plan->simplex_room = malloc(sizeof *plan->simplex_room * plan->simplices_max);

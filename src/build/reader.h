@@ -16,9 +16,8 @@
 /* ---- the intake ----------------------------------------------------------------------------- */
 
 #define MNI_VERTICES_MAX (UINT64_C(1) << 31) /* the design's bound */
-#define MNI_TRIANGLES_MAX                                                                          \
-    ((uint64_t)(UINT32_MAX - 1) / 3) /* half-edges are numbered in 32 bits                         \
-                                      */
+/* Half-edges are numbered in 32 bits. */
+#define MNI_TRIANGLES_MAX ((uint64_t)(UINT32_MAX - 1) / 3)
 
 typedef struct mni_intake mni_intake;
 struct mni_extintake;

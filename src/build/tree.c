@@ -257,8 +257,7 @@ mn_code mn_tree_check(const mn_tree *t, mn_status *st) {
     return code;
 }
 
-/* ---- bounds and the dive point ------------------------------------------------------------------
- */
+/* ---- bounds and the dive point --------------------------------------------------------------- */
 
 void mni_tree_shape(const mn_tree *tree, mn_header *h) {
     uint32_t top = 0;

@@ -71,8 +71,7 @@ const mn_vdt_figures *mn_vdt_figures_of(const mn_vdt *vdt) {
     return &vdt->figures;
 }
 
-/* ---- what is kept between phases --------------------------------------------------------------
- */
+/* ---- what is kept between phases ------------------------------------------------------------- */
 
 /* Facts without pointers, all of which are written down. */
 typedef struct read_facts {
@@ -204,8 +203,7 @@ static mn_code take_tree(maker *m) {
     return MN_OK;
 }
 
-/* ---- phases -----------------------------------------------------------------------------------
- */
+/* ---- phases ---------------------------------------------------------------------------------- */
 
 /* What the process takes besides a phase's own: the program, buffers of readers and writers, stacks
  * of threads. Of a cap above SMALL_RAM a part is kept in hand: pages that the allocator has not
@@ -405,8 +403,7 @@ mn_code mn_vdt_make(const char *in, const mn_read_desc *read, const mn_simplify_
     return code;
 }
 
-/* ---- a file -----------------------------------------------------------------------------------
- */
+/* ---- a file ---------------------------------------------------------------------------------- */
 
 static int fd_of(const mn_vdt *vdt) {
     return vdt->made.fd >= 0 ? vdt->made.fd : vdt->file.fd;

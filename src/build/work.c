@@ -148,8 +148,7 @@ static bool look_through(const mn_work *work, clearing what, mn_phase spared, mn
     return good;
 }
 
-/* Makes or opens the folder and locks it. Its last owner may remove it meanwhile: then once more.
- */
+/* Makes or opens the folder and locks it; once more where its last owner removes it meanwhile. */
 static mn_code open_folder(mn_work *work, mn_status *st) {
     struct stat here, there;
     for (int i = 0; i < OPEN_TRIES; i++) {

@@ -1,8 +1,8 @@
 /* What a long build has finished, in a folder of its own: so that after a crash or a kill another
  * process goes on behind the last finished phase instead of from the beginning.
  *
- *   mn_work_open ──┬── take (of mn_work_done, once) ──┬── keep (each later phase) … ──
- * mn_work_close └── from the beginning ────────────┘
+ *   mn_work_open ─┬─ take (of mn_work_done, once) ─┬─ keep (each later phase) … ─ mn_work_close
+ *                 └─ from the beginning ───────────┘
  *
  * A phase's files are kept spills (spill.h), which have names from the moment at which all of them
  * are whole; its facts are a struct without pointers. Those of the phase before go then, so the

@@ -237,8 +237,7 @@ uint32_t mni_overflow_bytes(const mni_overflow *head, const uint32_t *corner, ui
 uint32_t mni_overflow_encode(void *bytes, uint32_t length_bytes, uint32_t refs,
                              const mni_overflow *head, const uint32_t *corner, uint32_t count);
 
-/* ---- shared with the rest of the format -------------------------------------------------------
- */
+/* ---- shared with the rest of the format ------------------------------------------------------ */
 
 bool mni_facts_equal(const mni_facts *a, const mni_facts *b);
 /* The least value not below it that the format knows: switch values have 6 significant bits, radii

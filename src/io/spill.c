@@ -93,8 +93,7 @@ mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count) {
     return MN_OK;
 }
 
-/* ---- at any place -----------------------------------------------------------------------------
- */
+/* ---- at any place ---------------------------------------------------------------------------- */
 
 mn_code mni_spill_write_at(mni_spill *spill, uint64_t offset, const void *bytes, size_t count) {
     MN_ASSERT(spill->sum == NULL);
@@ -138,8 +137,7 @@ void mni_spill_ask(const mni_spill *spill, uint64_t offset, size_t count) {
     (void)posix_fadvise(spill->fd, (off_t)offset, (off_t)count, POSIX_FADV_WILLNEED);
 }
 
-/* ---- writing ----------------------------------------------------------------------------------
- */
+/* ---- writing --------------------------------------------------------------------------------- */
 
 void mni_spill_put_slow(mni_spill_writer *w, const void *bytes, size_t count) {
     const unsigned char *from = bytes;

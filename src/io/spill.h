@@ -43,8 +43,7 @@ void mni_spill_close(mni_spill *spill);
 /* Appends as it is, without a buffer. */
 mn_code mni_spill_append(mni_spill *spill, const void *bytes, size_t count);
 
-/* ---- at any place: of what is used as a table --------------------------------------------------
- */
+/* ---- at any place: of what is used as a table ------------------------------------------------ */
 
 /* All of the bytes, or the spill's failure. */
 mn_code mni_spill_read_at(mni_spill *spill, uint64_t offset, void *bytes, size_t count);
