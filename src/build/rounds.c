@@ -164,13 +164,27 @@ static mn_code take_vertices(rounds *r, uint32_t c, job *j) {
     return r->st->code;
 }
 
+/* Of a cell of so many vertices of a surface, with what comes from beside it. */
+static uint64_t usual_bytes(uint64_t vertices) {
+    return mni_cell_bytes(vertices + vertices / 16, 2 * vertices + vertices / 3);
+}
+
+/* What cells get of so much memory; rises with it, and with the threads. */
+static uint64_t cells_share(const rounds *r, uint64_t work_bytes) {
+    uint64_t one = usual_bytes(r->desc.cell_vertices), usual = one * r->desc.threads;
+    double rest = (double)(work_bytes - usual);
+    double some = fmin(SPARE_SHARE_MAX * rest, (double)one / 2);
+    return usual + (uint64_t)fmax(some, SPARE_SHARE * rest);
+}
+
 /* Under the lock: whether such a cell fits at all. */
 static mn_code check_room(const rounds *r, uint64_t bytes) {
     if (bytes <= r->cells_bytes)
         return MN_OK;
-    uint64_t more = bytes - r->cells_bytes; /* of which cells get a share */
-    uint64_t all =
-        MNI_PROGRAM_BYTES + r->desc.work_bytes + (uint64_t)((double)more * 1.1 / SPARE_SHARE);
+    uint64_t work = r->desc.work_bytes;
+    while (cells_share(r, work) < bytes)
+        work += work / 64;
+    uint64_t all = (MNI_PROGRAM_BYTES + work) / 10 * 11; /* a part is kept in hand (vdt.c) */
     return mn_fail(r->st, MN_CAP_TOO_SMALL,
                    "a part of the model that cannot be cut takes %llu MB; try --ram %lluM",
                    (unsigned long long)(bytes >> 20), (unsigned long long)((all >> 20) + 1));
@@ -615,11 +629,6 @@ static mn_code all_rounds(rounds *r) {
 
 enum { SORT_BYTES_MIN = 2 << 20 };
 
-/* Of a cell of so many vertices of a surface, with what comes from beside it. */
-static uint64_t usual_bytes(uint64_t vertices) {
-    return mni_cell_bytes(vertices + vertices / 16, 2 * vertices + vertices / 3);
-}
-
 uint64_t mni_rounds_work_min(uint32_t cell_vertices) {
     return usual_bytes(cell_vertices > 0 ? cell_vertices : MNI_CELL_VERTICES) + SORT_BYTES_MIN;
 }
@@ -628,17 +637,15 @@ uint64_t mni_rounds_work_min(uint32_t cell_vertices) {
 static void plan_memory(rounds *r) {
     mni_rounds_desc *d = &r->desc;
     d->threads = d->threads == 0 ? 1 : d->threads < THREADS_MAX ? d->threads : THREADS_MAX;
-    r->cell_vertices = d->cell_vertices > 0 ? d->cell_vertices : MNI_CELL_VERTICES;
+    d->cell_vertices = d->cell_vertices > 0 ? d->cell_vertices : MNI_CELL_VERTICES;
+    r->cell_vertices = d->cell_vertices; /* which may grow */
     r->cells_bytes = UINT64_MAX / 2;
     if (d->work_bytes == 0)
         return;
     uint64_t one = usual_bytes(r->cell_vertices);
     while (d->threads > 1 && one * d->threads > d->work_bytes / 2)
         d->threads--;
-    r->cells_bytes = one * d->threads;
-    double rest = (double)(d->work_bytes - r->cells_bytes), some = SPARE_SHARE_MAX * rest;
-    some = fmin(some, (double)one / 2);
-    r->cells_bytes += (uint64_t)fmax(some, SPARE_SHARE * rest);
+    r->cells_bytes = cells_share(r, d->work_bytes);
     r->sort_bytes = d->work_bytes - r->cells_bytes;
 }
 

@@ -256,8 +256,9 @@ START_TEST(too_small_a_cap_names_one_that_does) {
     random_mesh m;
     mni_history h;
     mn_status st = {0};
-    mni_rounds_desc desc = {.cell_vertices = 400, .threads = 2, .temp_dir = "/tmp"};
-    make_globe(&m, 3, 2500);
+    mni_rounds_desc desc = {
+        .cell_vertices = _i == 0 ? 400 : 2000, .threads = 2 - (uint32_t)_i, .temp_dir = "/tmp"};
+    make_globe(&m, 3, _i == 0 ? 2500 : 6000);
     write_out(&m);
     for (int i = 0; i < 2; i++) {
         desc.work_bytes = i == 0 ? 1 << 20 : mni_rounds_work_min(desc.cell_vertices);
@@ -340,7 +341,7 @@ int main(void) {
     tcase_add_test(tc, cells_are_dealt_what_is_theirs);
     tcase_add_loop_test(tc, the_history_is_the_meshs_alone, 0, KINDS);
     tcase_add_test(tc, no_memory_to_deal_in_is_told);
-    tcase_add_test(tc, too_small_a_cap_names_one_that_does);
+    tcase_add_loop_test(tc, too_small_a_cap_names_one_that_does, 0, 2);
     tcase_add_loop_test(tc, a_disk_that_fills, 0, 2);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
