@@ -426,6 +426,35 @@ START_TEST(rounds_are_the_same_in_any_number_of_threads) {
 }
 END_TEST
 
+static double distance_of(const mn_mesh *mesh, uint32_t cell_vertices, uint32_t triangles) {
+    mn_simplify_desc desc = {.cell_vertices = cell_vertices};
+    mn_extract_desc part = {.what = MN_EXTRACT_TRIANGLES, .triangles = triangles};
+    mn_compare_result result;
+    mn_status st = {0};
+    mn_tree tree;
+    mn_mesh out;
+    ck_assert_msg(mn_simplify(mesh, &desc, &tree, &st) == MN_OK, "%s", st.text);
+    ck_assert((tree.counts.rounds > 2) == (cell_vertices > 0));
+    ck_assert_msg(mn_tree_extract(&tree, &part, &out, NULL, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_mesh_compare(mesh, &out, 20000, 1, NULL, &result, &st) == MN_OK, "%s",
+                  st.text);
+    mn_mesh_free(&out);
+    mn_tree_free(&tree);
+    return result.rms;
+}
+
+/* At 50 and 10 % of the triangles; of so few, 2 % would be by chance. */
+START_TEST(rounds_are_as_near_to_the_input) {
+    model m = sheet(70);
+    for (uint32_t part = 2; part <= 10; part += 8) {
+        double whole = distance_of(&m.mesh, 0, m.mesh.triangles / part);
+        double cut = distance_of(&m.mesh, 600, m.mesh.triangles / part);
+        ck_assert_msg(cut <= 1.05 * whole, "1/%u: %g times", part, cut / whole);
+    }
+    free_model(&m);
+}
+END_TEST
+
 /* What the whole says of the input, cells say together. */
 START_TEST(rounds_count_edges_once) {
     model m = makers[_i]();
@@ -633,6 +662,7 @@ int main(void) {
     tcase_add_loop_test(tc, a_model_in_any_unit, 0, 4);
     tcase_add_loop_test(tc, rounds_are_the_same_in_any_number_of_threads, 0, 2);
     tcase_add_loop_test(tc, rounds_count_edges_once, 0, (int)(sizeof makers / sizeof makers[0]));
+    tcase_add_test(tc, rounds_are_as_near_to_the_input);
     tcase_add_test(tc, rounds_end_when_they_must);
     tcase_add_test(tc, twice_the_same_tree);
     tcase_add_test(tc, components_are_counted);
