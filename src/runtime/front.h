@@ -44,8 +44,8 @@ enum {
     MNI_FRONT_CORNERS = 8, /* of a node in its own record: most have no more, 6 on average */
     MNI_FRONT_CHUNK = 7,   /* and in each chunk of a list that is longer */
 };
-#define MNI_FRONT_SHORT 0xfffffff0u /* of a list that is in the record: this + how many there are  \
-                                     */
+/* Of a list that is in the record: this + how many there are. */
+#define MNI_FRONT_SHORT 0xfffffff0u
 
 /* An active node but for what is streamed: position, switch value, radius and cone stand apart. One
  * line of the cache: whoever asks about a neighbour, or walks around a node, touches no other. */
