@@ -188,11 +188,18 @@ static void interrupt(int signal_number) {
     interrupted = signal_number;
 }
 
+/* What is ignored stays ignored: nohup, and jobs in the background of a script. */
+static void catch_unless_ignored(int signal_number) {
+    const struct sigaction action = {.sa_handler = interrupt, .sa_flags = (int)SA_RESETHAND};
+    struct sigaction now;
+    if (sigaction(signal_number, NULL, &now) == 0 && now.sa_handler != SIG_IGN)
+        sigaction(signal_number, &action, NULL);
+}
+
 void cli_interrupts_catch(void) {
-    struct sigaction action = {.sa_handler = interrupt, .sa_flags = (int)SA_RESETHAND};
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-    sigaction(SIGHUP, &action, NULL);
+    catch_unless_ignored(SIGINT);
+    catch_unless_ignored(SIGTERM);
+    catch_unless_ignored(SIGHUP);
 }
 
 mn_code cli_output(const char *command, const char *out, const char *in) {

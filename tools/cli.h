@@ -93,7 +93,7 @@ typedef struct cli_meter {
 bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t total);
 void cli_progress_end(void *context); /* clears the line, and the meter */
 /* From now on the first SIGINT, SIGTERM or SIGHUP makes cli_progress ask for an end, so that work
- * stops in order and temporary files go; a second one kills. */
+ * stops in order and temporary files go; a second one kills. What is ignored stays so. */
 void cli_interrupts_catch(void);
 
 /* MN_USAGE, and said, where the output is the input: by whatever name, or link. Either may be NULL.

@@ -150,6 +150,19 @@ interrupts() {
     done
 }
 
+# Under nohup a build goes on.
+nohups() {
+    rm -rf here && mkdir here
+    trap '' HUP
+    begin build model.ply -o here/out.mnt
+    trap - HUP
+    sleep "$(moment)"
+    kill -HUP "$child" 2>/dev/null || true
+    await
+    check "nohup: exit $code" test "$code" -eq 0
+    check "nohup: a whole output" cmp whole.mnt here/out.mnt
+}
+
 # A disk with room enough when the build begins, which somebody else fills meanwhile.
 full_disks() {
     local i planned
@@ -195,5 +208,6 @@ part kills
 part after_each_phase
 part refusals
 part interrupts
+part nohups
 part full_disks
 finish
