@@ -75,7 +75,7 @@ static void take_row(rows *r, const unsigned char **from) {
     row->switch_value = mni_unit_length(mni_facts_value_of(facts & 0x1fff), r->w->mesh->unit);
     row->radius = mni_unit_length(mni_facts_radius_of(bounds), r->w->mesh->unit);
     row->cone = mni_facts_cone_of(bounds);
-    row->simplex_start = (uint32_t)mni_varint_get(from); /* how many, for now */
+    row->simplex_start = (uint32_t)mni_varint_get(from); /* a count, until rows stand in order */
 }
 
 static mn_code load_rows(rows *r, uint32_t bucket) {
