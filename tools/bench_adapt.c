@@ -62,21 +62,15 @@ typedef struct figures {
     flight fast, slow;
 } figures;
 
-static double thread_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 /* ---- flights --------------------------------------------------------------------------------- */
 
 static void lap(mn_session *session, const mn_camera *cameras, uint32_t frames, flight *f) {
     mn_session_stats before, after;
     mn_session_stats_get(session, &before);
-    double start_s = thread_s();
+    double start_s = cli_seconds(CLOCK_THREAD_CPUTIME_ID);
     for (uint32_t frame = 0; frame < frames; frame++)
         mn_session_frame(session, &cameras[frame], NULL);
-    f->seconds += thread_s() - start_s;
+    f->seconds += cli_seconds(CLOCK_THREAD_CPUTIME_ID) - start_s;
     mn_session_stats_get(session, &after);
     f->laps++;
     f->frames += after.frames - before.frames;

@@ -24,12 +24,6 @@ typedef struct figures { /* means over all fronts but the first */
     double whole_bytes, sent_bytes, ranges, triangles, slots, adapt, front_ms, nav_ms;
 } figures;
 
-static double thread_ms(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
-}
-
 static mn_code one_frame(mn_session *session, picture *p, const mn_camera *camera, bool first,
                          figures *f, mn_status *st) {
     mn_frame_stats frame;
@@ -38,9 +32,9 @@ static mn_code one_frame(mn_session *session, picture *p, const mn_camera *camer
     p->load.api->stats(p->gl, &before);
     mn_session_frame(session, camera, &frame);
     mn_session_front(session, &front);
-    const double begun_ms = thread_ms();
+    const double begun_ms = 1e3 * cli_seconds(CLOCK_THREAD_CPUTIME_ID);
     const mn_code code = p->load.api->front(p->gl, &front, st);
-    const double took_ms = thread_ms() - begun_ms;
+    const double took_ms = 1e3 * cli_seconds(CLOCK_THREAD_CPUTIME_ID) - begun_ms;
     p->load.api->stats(p->gl, &after);
     const double bytes = (double)(after.sent_bytes - before.sent_bytes);
     if (first) {

@@ -56,18 +56,12 @@ static uint32_t share(const mn_mesh *mesh, double percent) {
     return (uint32_t)(mesh->triangles * percent / 100);
 }
 
-static double processor_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static mn_code our_rate(const mn_mesh *mesh, const options *o, double *rate, mn_status *st) {
     mn_tree tree;
     mn_simplify_desc desc = {.metric = o->metric, .stop_triangles = share(mesh, speed_percent)};
-    double start_s = processor_s();
+    double start_s = cli_seconds(CLOCK_PROCESS_CPUTIME_ID);
     mn_code code = mn_simplify(mesh, &desc, &tree, st);
-    double seconds = processor_s() - start_s;
+    double seconds = cli_seconds(CLOCK_PROCESS_CPUTIME_ID) - start_s;
     if (code != MN_OK)
         return code;
     uint64_t collapses = 0;

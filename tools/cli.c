@@ -178,9 +178,9 @@ int cli_choice(const char *text, const char *const *names) {
     return -1;
 }
 
-static double now_s(void) {
+double cli_seconds(clockid_t clock) {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(clock, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
@@ -265,7 +265,7 @@ bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t tota
         return false;
     if (!isatty(STDERR_FILENO))
         return true;
-    double now = now_s();
+    double now = cli_seconds(CLOCK_MONOTONIC);
     if (meter->phase == NULL || strcmp(meter->phase, phase) != 0) {
         meter->phase = phase;
         meter->started_s = now;

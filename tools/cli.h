@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <time.h>
 
 #include "metanode/build.h"
 #include "metanode/status.h"
@@ -107,6 +108,8 @@ mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *s
 mn_code cli_written_all(FILE *file, const char *what, const char *path, mn_status *st);
 uint64_t cli_file_bytes(const char *path); /* 0: cannot be asked */
 
+/* What a clock says: CLOCK_MONOTONIC, CLOCK_THREAD_CPUTIME_ID, ... */
+double cli_seconds(clockid_t clock);
 /* Peak resident set of this process, bytes. */
 uint64_t cli_rss_peak_bytes(void);
 

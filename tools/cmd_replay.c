@@ -237,12 +237,6 @@ static void pace(const replay *r, struct timespec *due) {
         continue;
 }
 
-static double seconds_now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 /* For a path that is a part of a navigation, not its start (--open settled): what the first picture
  * needs is there before the first frame, and is told apart. */
 static mn_code opening(replay *r, mn_status *st) {
@@ -251,7 +245,7 @@ static mn_code opening(replay *r, mn_status *st) {
     mn_frame_stats stats = {.changed = true};
     mn_camera camera;
     mn_code code = MN_OK;
-    double from = seconds_now();
+    double from = cli_seconds(CLOCK_MONOTONIC);
     mn_path_camera(r->path, 0, r->options.frames, &camera);
     mn_session_stats_get(r->session, &before);
     while (stats.changed && f->opening_frames < OPENING_FRAMES_MAX && code == MN_OK) {
@@ -263,7 +257,7 @@ static mn_code opening(replay *r, mn_status *st) {
     }
     mn_session_stats_get(r->session, &after);
     f->opening_reads = after.reads - before.reads;
-    f->opening_seconds = seconds_now() - from;
+    f->opening_seconds = cli_seconds(CLOCK_MONOTONIC) - from;
     return code;
 }
 

@@ -453,12 +453,6 @@ static int tell_wrong(const options *o, uint64_t seed, const char *wrong) {
                      (unsigned long long)o->frames, k, io);
 }
 
-static double now_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static int go(const options *o) {
     mn_header *header = malloc(sizeof *header);
     mn_status st = {0};
@@ -471,14 +465,14 @@ static int go(const options *o) {
         free(header);
         return cli_status(&st);
     }
-    const double begun_s = now_s();
+    const double begun_s = cli_seconds(CLOCK_MONOTONIC);
     uint64_t seed = o->seed;
     bool more = true, good = true;
     for (; more && good && v.wrong[0] == 0; seed++) {
         good = run_apart(o, header, seed, &v, &st);
         if (good && v.wrong[0] == 0)
             add(&s, &v, o->frames);
-        s.seconds = now_s() - begun_s;
+        s.seconds = cli_seconds(CLOCK_MONOTONIC) - begun_s;
         more = o->runs > 0 ? s.runs < o->runs : s.seconds < (double)o->seconds;
         const uint64_t done = o->runs > 0 ? s.runs : (uint64_t)s.seconds;
         more = cli_progress(&meter, "stress", done, o->runs > 0 ? o->runs : o->seconds) && more;

@@ -51,12 +51,6 @@ typedef struct viewer {
     bool titled_still; /* the title says that nothing moves */
 } viewer;
 
-static double now_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 /* ---- start ---------------------------------------------------------------------------------- */
 
 static int read_options(session_options *o, int argc, char **argv, bool *done) {
@@ -349,12 +343,12 @@ static mn_code frame(viewer *v, mn_status *st) {
 /* Sleeps until the next frame is due or, when nothing changes, until something happens. */
 static bool wait(viewer *v, double due_s) {
     mn_gl_input input;
-    double left = busy(v) ? fmax(due_s - now_s(), 0) : idle_s;
+    double left = busy(v) ? fmax(due_s - cli_seconds(CLOCK_MONOTONIC), 0) : idle_s;
     bool stays = true;
     do {
         v->load.api->poll(v->gl, left, &input);
         stays = take_input(v, &input);
-        left = due_s - now_s();
+        left = due_s - cli_seconds(CLOCK_MONOTONIC);
     } while (left > 1e-4 && stays);
     /* A block that could not be read is tried again only by frames. */
     if (!busy(v) && v->stats.misses > 0)
@@ -368,14 +362,15 @@ static mn_code loop(viewer *v, mn_status *st) {
     bool open = code == MN_OK, rested = true;
     v->adapting = true;
     while (open) {
-        const double started_s = now_s();
+        const double started_s = cli_seconds(CLOCK_MONOTONIC);
         if (rested)
             v->titled_s = started_s;
         follow_size(v);
         code = frame(v, st);
         rested = !busy(v);
-        if (rested ? v->drawn > 0 || !v->titled_still : now_s() - v->titled_s >= title_s)
-            set_title(v, now_s());
+        if (rested ? v->drawn > 0 || !v->titled_still
+                   : cli_seconds(CLOCK_MONOTONIC) - v->titled_s >= title_s)
+            set_title(v, cli_seconds(CLOCK_MONOTONIC));
         open = code == MN_OK && wait(v, started_s + period_s);
     }
     return code;

@@ -20,12 +20,12 @@
  * wait. Every block passes the reader's own checks before it is written. Paper: §3.2. */
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <xxhash.h>
 
 #include "assert.h"
 #include "block_rows.h"
 #include "block_send.h"
+#include "clock.h"
 #include "header.h"
 #include "plan.h"
 #include "tree_rows.h"
@@ -62,12 +62,6 @@ typedef struct writer {
     mn_block_ref *piece_place;
     uint32_t pieces, pieces_capacity, piece_nodes_capacity, piece_places_capacity;
 } writer;
-
-static double now_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* ---- places --------------------------------------------------------------------------------- */
 
@@ -461,7 +455,7 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
     mn_header scratch;
     mni_rows rows;
     mn_status why = {0};
-    double started_s = now_s();
+    double started_s = mni_now_s();
     header = header != NULL ? header : &scratch;
     memset(header, 0, sizeof *header);
     mn_code code = check_counts(head, source, &why);
@@ -472,7 +466,7 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
     if (code == MN_OK) {
         code = write_file(path, head, &rows, build_id, &checked, header, &why);
         if (code == MN_OK && counts != NULL)
-            *counts = (mn_block_counts){.seconds_block = now_s() - started_s,
+            *counts = (mn_block_counts){.seconds_block = mni_now_s() - started_s,
                                         .bytes_read = rows.bytes_read,
                                         .bytes_written = header->file_bytes};
         mni_rows_close(&rows);

@@ -11,21 +11,15 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <time.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "extintake.h"
 #include "reader.h"
 
 enum { SNIFF_BYTES = 4096, STL_HEAD_BYTES = 84, STL_FACET_BYTES = 50 };
 
 typedef enum format { UNKNOWN, PLY, OFF, STL_BINARY, STL_ASCII, OPENMESH, OBJ } format;
-
-static double now_s(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 static bool is_space(char c) {
     return c == ' ' || (c >= '\t' && c <= '\r');
@@ -189,7 +183,7 @@ mn_code mni_extmesh_read(const char *path, const mn_read_desc *read, const mni_e
 mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, mn_status *st) {
     const mn_read_desc defaults = {0};
     mn_status own = {0};
-    double started_s = now_s();
+    double started_s = mni_now_s();
     mni_source source;
     *out = (mn_mesh){0};
     if (desc == NULL)
@@ -197,7 +191,7 @@ mn_code mn_mesh_read(const char *path, const mn_read_desc *desc, mn_mesh *out, m
     if (mni_source_open(&source, path, desc, &own) &&
         read_source(path, &source, desc, NULL, out, NULL)) {
         out->bytes_read = source.size;
-        out->seconds_read = now_s() - started_s;
+        out->seconds_read = mni_now_s() - started_s;
     }
     mni_source_close(&source);
     if (own.code != MN_OK)

@@ -17,9 +17,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "assert.h"
+#include "clock.h"
 #include "rounds.h"
 #include "unit.h"
 
@@ -54,12 +54,6 @@ enum {
     ORDER_FAN_MAX = 64,
 #endif
 };
-
-static double now_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* ---- candidates ---- */
 
@@ -617,7 +611,7 @@ mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *
                            i / 3, (double)mesh->position[i], (double)COORDINATE_MAX);
     if (unit != 0 && !mni_unit_apply(mesh, unit, &own))
         return mn_fail(st, MN_FAILED, "out of memory for %u vertices", mesh->vertices);
-    double started_s = now_s();
+    double started_s = mni_now_s();
     mn_simplify_desc left = *desc;
     left.ram_bytes -= desc->ram_bytes > 0 ? copy_bytes : 0;
     bool whole =
@@ -629,6 +623,6 @@ mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *
         free(own.position);
     }
     if (code == MN_OK)
-        out->counts.seconds_simplify = now_s() - started_s;
+        out->counts.seconds_simplify = mni_now_s() - started_s;
     return code;
 }

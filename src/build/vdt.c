@@ -12,11 +12,11 @@
 #include <malloc.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #define XXH_STATIC_LINKING_ONLY /* the state's size */
 #include <xxhash.h>
 
 #include "block_rows.h"
+#include "clock.h"
 #include "order.h"
 #include "rounds.h"
 #include "tree.h"
@@ -37,12 +37,6 @@ struct mn_vdt {
     char *path;     /* likewise */
     mn_vdt_figures figures;
 };
-
-static double now_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static mn_vdt *new_vdt(mn_status *st) {
     mn_vdt *vdt = calloc(1, sizeof *vdt);
@@ -255,7 +249,7 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
 
 static mn_code read_phase(maker *m) {
     mni_spill *const spills[] = {&m->mesh.vertex, &m->mesh.triangle};
-    double start_s = now_s();
+    double start_s = mni_now_s();
     mni_in in;
     mn_code code = mni_in_open(&in, m->in, m->st);
     if (code != MN_OK)
@@ -275,8 +269,9 @@ static mn_code read_phase(maker *m) {
     code = mni_extmesh_quantise(&m->mesh, m->simplify.position_bits, &desc, m->st);
     read = m->mesh.vertex.bytes_read - read;
     written = m->mesh.vertex.bytes_written - written;
-    m->vdt->figures.read = (mn_phase_figures){
-        now_s() - start_s, in_bytes + m->mesh.bytes_read + read, m->mesh.bytes_written + written};
+    m->vdt->figures.read =
+        (mn_phase_figures){mni_now_s() - start_s, in_bytes + m->mesh.bytes_read + read,
+                           m->mesh.bytes_written + written};
     if (code != MN_OK)
         return code;
     read_facts facts = facts_of_mesh(m);
@@ -284,7 +279,7 @@ static mn_code read_phase(maker *m) {
 }
 
 static mn_code simplify_phase(maker *m) {
-    double start_s = now_s();
+    double start_s = mni_now_s();
     const mni_rounds_desc desc = {.metric = m->simplify.metric,
                                   .cell_vertices = m->simplify.cell_vertices,
                                   .threads = m->simplify.threads,
@@ -296,9 +291,9 @@ static mn_code simplify_phase(maker *m) {
     mn_code code = mni_rounds(&m->mesh, &desc, &m->history, m->st);
     if (code != MN_OK)
         return code;
-    m->history.counts.seconds_simplify = now_s() - start_s;
+    m->history.counts.seconds_simplify = mni_now_s() - start_s;
     m->vdt->figures.simplify =
-        (mn_phase_figures){now_s() - start_s, m->history.bytes_read, m->history.bytes_written};
+        (mn_phase_figures){mni_now_s() - start_s, m->history.bytes_read, m->history.bytes_written};
     mni_spill_close(&m->mesh.triangle);
     return keep_history(m);
 }
@@ -324,7 +319,7 @@ static void fill_head(maker *m) {
 
 static mn_code order_phase(maker *m) {
     mn_vdt *vdt = m->vdt;
-    double start_s = now_s();
+    double start_s = mni_now_s();
     mni_ordered ordered;
     const mni_order_desc desc = {.work_bytes = m->work_bytes,
                                  .temp_dir = m->temp_dir,
@@ -338,7 +333,7 @@ static mn_code order_phase(maker *m) {
     vdt->has_colors = m->mesh.has_colors;
     memcpy(vdt->sum, ordered.sum, sizeof vdt->sum);
     vdt->figures.order =
-        (mn_phase_figures){now_s() - start_s, ordered.bytes_read, ordered.bytes_written};
+        (mn_phase_figures){mni_now_s() - start_s, ordered.bytes_read, ordered.bytes_written};
     return keep_tree(m);
 }
 

@@ -6,18 +6,12 @@
 #include "lock.h"
 
 #include <stdbool.h>
-#include <time.h>
 
 #include "assert.h"
+#include "clock.h"
 
 static _Thread_local mni_lock_waits waits;
 static _Thread_local bool times_holds;
-
-static uint64_t now_ns(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
-}
 
 void mni_lock_open(mni_lock *lock) {
     lock->since_ns = lock->held_ns_max = 0;
@@ -35,18 +29,18 @@ void mni_lock_close(mni_lock *lock) {
 
 void mni_lock_take(mni_lock *lock) {
     if (pthread_mutex_trylock(&lock->mutex) != 0) {
-        uint64_t from_ns = now_ns();
+        uint64_t from_ns = mni_clock_ns(CLOCK_MONOTONIC);
         pthread_mutex_lock(&lock->mutex);
-        uint64_t waited_ns = now_ns() - from_ns;
+        uint64_t waited_ns = mni_clock_ns(CLOCK_MONOTONIC) - from_ns;
         waits.count++;
         waits.max_ns = waited_ns > waits.max_ns ? waited_ns : waits.max_ns;
     }
-    lock->since_ns = times_holds ? now_ns() : 0;
+    lock->since_ns = times_holds ? mni_clock_ns(CLOCK_MONOTONIC) : 0;
 }
 
 void mni_lock_give(mni_lock *lock) {
     if (lock->since_ns != 0) {
-        uint64_t held_ns = now_ns() - lock->since_ns;
+        uint64_t held_ns = mni_clock_ns(CLOCK_MONOTONIC) - lock->since_ns;
         lock->held_ns_max = held_ns > lock->held_ns_max ? held_ns : lock->held_ns_max;
         lock->since_ns = 0; /* who gets it from a condition has not come through take */
     }

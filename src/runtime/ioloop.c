@@ -7,9 +7,9 @@
 
 #include <errno.h>
 #include <string.h>
-#include <time.h>
 
 #include "assert.h"
+#include "clock.h"
 #include "frame.h"
 
 enum {
@@ -49,14 +49,8 @@ void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena) {
 
 /* ---- completing ------------------------------------------------------------------------------ */
 
-static uint64_t ns_of(clockid_t clock) {
-    struct timespec t;
-    clock_gettime(clock, &t);
-    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
-}
-
 static uint64_t now_ns(void) {
-    return ns_of(CLOCK_MONOTONIC);
+    return mni_clock_ns(CLOCK_MONOTONIC);
 }
 
 static void request_free(mni_ioloop *loop, mni_request *request) {
@@ -294,7 +288,7 @@ bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
         (void)submit_all(loop);
     }
     if (loop->cpu_ns != UINT64_MAX) {
-        uint64_t cpu_ns = ns_of(CLOCK_THREAD_CPUTIME_ID);
+        uint64_t cpu_ns = mni_clock_ns(CLOCK_THREAD_CPUTIME_ID);
         loop->news.cpu_ns = cpu_ns - loop->cpu_ns;
         loop->cpu_ns = cpu_ns;
     }

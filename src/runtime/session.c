@@ -12,9 +12,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <time.h>
 
 #include "assert.h"
+#include "clock.h"
 #include "lock.h"
 #include "metanode/runtime.h"
 #include "navigate.h"
@@ -50,9 +50,7 @@ struct mn_session {
 };
 
 static double ms_of(clockid_t clock) {
-    struct timespec t;
-    clock_gettime(clock, &t);
-    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+    return 1e-6 * (double)mni_clock_ns(clock);
 }
 
 static double now_ms(void) {
