@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 #include <time.h>
 
+#include "path_record.h"
 #include "picture.h"
 #include "replay_figures.h"
 #include "session_options.h"
@@ -24,6 +25,8 @@ enum {
     SETTLE,
     PACED,
     OPEN,
+    WRITE_PATH,
+    KEY_EVERY,
     STDIO_BYTES = 1 << 14,
     SETTLE_FRAMES_MAX = 1 << 20,
     OPENING_FRAMES_MAX = 1 << 12, /* one takes some ten; a budget of few operations, many */
@@ -34,6 +37,8 @@ typedef struct replay {
     session_options options;
     const char *csv_name, *trace_name, *images_dir;
     uint64_t images_every;
+    const char *path_out; /* --write-path; NULL: navigate */
+    uint64_t key_every;
     bool settle, paced, from_settled; /* the first picture is there before the first frame */
 
     mn_path *path;
@@ -57,11 +62,52 @@ static void help(void) {
         "  --csv F           a row a frame\n"
         "  --trace F         what happens to place holders, event by event\n"
         "  --images DIR      a picture a frame, DIR/frame-000000.png …\n"
-        "  --images-every N  of every Nth frame only, from the first (1)\n",
+        "  --images-every N  of every Nth frame only, from the first (1)\n"
+        "  --write-path F    only writes the path to F, a path file, and navigates nothing\n"
+        "  --key-every N     a key frame every Nth frame, and the last (1: the same path, "
+        "exactly)\n",
         session_options_help);
 }
 
 /* ---- options --------------------------------------------------------------------------------- */
+
+/* An option of replay's own. MN_USAGE: it has been said what was wrong. */
+static mn_code take_own(replay *r, int option, const char *value) {
+    static const char *const opens[] = {"roots", "settled", NULL};
+    switch (option) {
+    case CSV:
+        r->csv_name = value;
+        return MN_OK;
+    case TRACE:
+        r->trace_name = value;
+        return MN_OK;
+    case IMAGES:
+        r->images_dir = value;
+        return MN_OK;
+    case IMAGES_EVERY:
+    case KEY_EVERY:
+        if (cli_u64(value, 1, UINT32_MAX, option == KEY_EVERY ? &r->key_every : &r->images_every))
+            return MN_OK;
+        return (mn_code)cli_error(MN_USAGE, "replay: --%s '%s': a number above 0",
+                                  option == KEY_EVERY ? "key-every" : "images-every", value);
+    case SETTLE:
+        r->settle = true;
+        return MN_OK;
+    case PACED:
+        r->paced = true;
+        return MN_OK;
+    case OPEN:
+        r->from_settled = cli_choice(value, opens) == 1;
+        if (cli_choice(value, opens) >= 0)
+            return MN_OK;
+        return (mn_code)cli_error(MN_USAGE, "replay: --open '%s': roots or settled", value);
+    case WRITE_PATH:
+        r->path_out = value;
+        return MN_OK;
+    default:
+        return MN_USAGE;
+    }
+}
 
 /* false: done, with *code. */
 static bool parse(replay *r, int argc, char **argv, int *code) {
@@ -73,63 +119,29 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
                                             {"settle", no_argument, NULL, SETTLE},
                                             {"paced", no_argument, NULL, PACED},
                                             {"open", required_argument, NULL, OPEN},
+                                            {"write-path", required_argument, NULL, WRITE_PATH},
+                                            {"key-every", required_argument, NULL, KEY_EVERY},
                                             {"help", no_argument, NULL, 'h'},
                                             {0, 0, 0, 0}};
-    static const char *const opens[] = {"roots", "settled", NULL};
-    int found, open;
+    int found;
     *code = MN_OK;
     session_options_init(&r->options);
-    r->images_every = 1;
+    r->images_every = r->key_every = 1;
     while ((found = cli_option(argc, argv, SESSION_OPTIONS_SHORT "h", options)) != -1) {
-        if (session_options_take(&r->options, argv[0], found, optarg, code)) {
-            if (*code != MN_OK)
-                return false;
-            continue;
-        }
-        switch (found) {
-        case CSV:
-            r->csv_name = optarg;
-            break;
-        case TRACE:
-            r->trace_name = optarg;
-            break;
-        case IMAGES:
-            r->images_dir = optarg;
-            break;
-        case IMAGES_EVERY:
-            if (!cli_u64(optarg, 1, UINT32_MAX, &r->images_every)) {
-                *code =
-                    cli_error(MN_USAGE, "replay: --images-every '%s': a number above 0", optarg);
-                return false;
-            }
-            break;
-        case SETTLE:
-            r->settle = true;
-            break;
-        case PACED:
-            r->paced = true;
-            break;
-        case OPEN:
-            open = cli_choice(optarg, opens);
-            if (open < 0) {
-                *code = cli_error(MN_USAGE, "replay: --open '%s': roots or settled", optarg);
-                return false;
-            }
-            r->from_settled = open == 1;
-            break;
-        case 'h':
+        if (found == 'h') {
             help();
             return false;
-        default:
-            *code = MN_USAGE;
-            return false;
         }
+        if (!session_options_take(&r->options, argv[0], found, optarg, code))
+            *code = take_own(r, found, optarg);
+        if (*code != MN_OK)
+            return false;
     }
     *code = session_options_file(&r->options, argc, argv);
     if (*code == MN_OK && r->options.path_name == NULL)
         *code = cli_error(MN_USAGE, "replay: which --path? orbit, dive, flyover, or a path file");
-    const char *const outputs[] = {r->csv_name, r->trace_name};
-    for (int i = 0; i < 2 && *code == MN_OK; i++)
+    const char *const outputs[] = {r->csv_name, r->trace_name, r->path_out};
+    for (int i = 0; i < 3 && *code == MN_OK; i++)
         *code = session_options_output(&r->options, argv[0], outputs[i]);
     return *code == MN_OK;
 }
@@ -154,18 +166,23 @@ static mn_code images_open(replay *r, mn_status *st) {
     return picture_open(&r->picture, r->session, d->width_px, d->height_px, st);
 }
 
-static mn_code open_all(replay *r, mn_status *st) {
+static mn_code open_path(replay *r, mn_status *st) {
     session_options *o = &r->options;
     mn_header header;
     mn_code code = mn_header_read(o->desc.path, &header, st);
     if (code == MN_OK)
         code = mn_path_open(o->path_name, &header, o->fov_y_deg, &r->path, st);
+    if (code == MN_OK && !o->frames_given && mn_path_frames(r->path) > 0)
+        o->frames = mn_path_frames(r->path);
+    return code;
+}
+
+static mn_code open_all(replay *r, mn_status *st) {
+    session_options *o = &r->options;
+    mn_code code = open_path(r, st);
     if (code != MN_OK)
         return code;
-    uint32_t recorded = mn_path_frames(r->path);
-    if (recorded > 0 && !o->frames_given)
-        o->frames = recorded;
-    o->desc.base_bytes = sizeof *r + 2 * (uint64_t)recorded * sizeof(mn_camera);
+    o->desc.base_bytes = sizeof *r + mn_path_bytes(r->path);
     o->desc.wide_front_over_wanted = !r->paced;
     if (r->trace_name != NULL) {
         code = trace_open(r->trace_name, &r->trace, st);
@@ -334,6 +351,32 @@ static void finish(replay *r) {
         figures_table(f, stdout);
 }
 
+static mn_code navigate(replay *r, mn_status *st) {
+    mn_camera camera;
+    mn_code code = open_all(r, st);
+    cli_alloc_mark();
+    if (code == MN_OK && !r->options.json)
+        say_plan(r);
+    if (code == MN_OK && r->from_settled)
+        code = opening(r, st);
+    if (code == MN_OK)
+        code = run_frames(r, &camera, st);
+    if (code == MN_OK && r->settle)
+        settle(r, &camera);
+    if (code == MN_OK)
+        finish(r);
+    return code;
+}
+
+static mn_code write_path(replay *r, mn_status *st) {
+    mn_code code = open_path(r, st);
+    if (code == MN_OK)
+        code = path_record_all(r->path, r->options.frames, r->key_every, r->path_out, st);
+    if (code == MN_OK && !r->options.json)
+        printf("%s: %u frames\n", r->path_out, r->options.frames);
+    return code;
+}
+
 int cmd_replay(int argc, char **argv) {
     mn_status st = {0};
     int code;
@@ -343,19 +386,7 @@ int cmd_replay(int argc, char **argv) {
     if (parse(r, argc, argv, &code)) {
         static char out_buffer[STDIO_BYTES]; /* or printing would allocate one */
         setvbuf(stdout, out_buffer, _IOFBF, sizeof out_buffer);
-        mn_camera camera;
-        code = open_all(r, &st);
-        cli_alloc_mark();
-        if (code == MN_OK && !r->options.json)
-            say_plan(r);
-        if (code == MN_OK && r->from_settled)
-            code = opening(r, &st);
-        if (code == MN_OK)
-            code = run_frames(r, &camera, &st);
-        if (code == MN_OK && r->settle)
-            settle(r, &camera);
-        if (code == MN_OK)
-            finish(r);
+        code = r->path_out != NULL ? write_path(r, &st) : navigate(r, &st);
         mn_code closed = close_all(r, &st);
         code = code != MN_OK ? code : (int)closed;
         cli_status(&st);

@@ -10,12 +10,13 @@
 #include <unistd.h>
 
 #include "orbit.h"
+#include "path_record.h"
 #include "picture.h"
 #include "session_options.h"
 
-static const char help[] =
-    "usage: metanode view FILE [--ram SIZE] [OPTION …]\n\n"
-    "  Opens at the first camera of --path (orbit); --size is the window's at first.\n\n";
+static const char help[] = "usage: metanode view FILE [--ram SIZE] [OPTION …]\n\n"
+                           "  Opens at the first camera of --path (orbit), which g flies; --size "
+                           "is the window's at first.\n\n";
 
 static const char keys_help[] =
     "  left drag  turn             w  wireframe          + -    finer, coarser\n"
@@ -23,7 +24,8 @@ static const char keys_help[] =
     "  right drag the same         f  flat               s      picture to metanode-N.png\n"
     "  shift or middle drag  pan   r  back to the start  p      record a path, stop: "
     "metanode-N.path\n"
-    "                        o  silhouettes finer        h ?    this      q esc  quit\n";
+    "                        g  fly --path, stop         o      silhouettes finer\n"
+    "                        h ?  this                   q esc  quit\n";
 
 enum { NUMBERED_MAX = 10000 };      /* pictures and paths in one directory */
 static const double idle_s = 1;     /* how long to sleep when nothing happens */
@@ -36,7 +38,12 @@ typedef struct viewer {
     gl_load load;
     mn_gl *gl;
     mn_gl_look look;
+    float radius;
     orbit start, now;
+    mn_path *path;
+    uint32_t path_frames, path_frame; /* the next of a flight */
+    bool flying;                      /* the path moves the camera: a frame a picture */
+    mn_camera flown;                  /* the path's camera, while flying */
     float tolerance_px;
     uint32_t width, height;
     bool paused;
@@ -45,7 +52,8 @@ typedef struct viewer {
     bool shoot;    /* the next picture is wanted as a file */
     bool aimed;    /* the target is on the surface, and only zooming has happened since */
     mn_frame_stats stats;
-    FILE *record;   /* NULL: not recording */
+    path_record record; /* file NULL: not recording */
+    double record_s;
     uint32_t drawn; /* pictures since titled_s */
     double titled_s;
     bool titled_still; /* the title says that nothing moves */
@@ -75,23 +83,27 @@ static int read_options(session_options *o, int argc, char **argv, bool *done) {
     return session_options_file(o, argc, argv);
 }
 
-static mn_code start_camera(viewer *v, mn_status *st) {
-    const mn_header *header = mn_session_header(v->session);
-    const char *name = v->options.path_name != NULL ? v->options.path_name : "orbit";
-    mn_path *path;
+static mn_code open_path(viewer *v, mn_status *st) {
+    session_options *o = &v->options;
+    mn_header header;
     mn_camera camera;
-    const mn_code code = mn_path_open(name, header, v->options.fov_y_deg, &path, st);
+    mn_code code = mn_header_read(o->desc.path, &header, st);
+    if (code == MN_OK)
+        code = mn_path_open(o->path_name != NULL ? o->path_name : "orbit", &header, o->fov_y_deg,
+                            &v->path, st);
     if (code != MN_OK)
         return code;
-    const uint32_t frames = mn_path_frames(path);
-    mn_path_camera(path, 0, frames > 0 ? frames : v->options.frames, &camera);
-    mn_path_close(path);
+    const uint32_t recorded = mn_path_frames(v->path);
+    v->path_frames = recorded > 0 && !o->frames_given ? recorded : o->frames;
+    o->desc.base_bytes = mn_path_bytes(v->path);
+    mn_path_camera(v->path, 0, v->path_frames, &camera);
     float square = 0;
     for (int i = 0; i < 3; i++) {
-        const float side = header->box_max[i] - header->box_min[i];
+        const float side = header.box_max[i] - header.box_min[i];
         square += 0.25f * side * side;
     }
-    v->start = v->now = orbit_from(&camera, sqrtf(square));
+    v->radius = sqrtf(square);
+    v->start = v->now = orbit_from(&camera, v->radius);
     return MN_OK;
 }
 
@@ -100,9 +112,9 @@ static mn_code open_all(viewer *v, mn_status *st) {
     mn_gl_desc gl_desc;
     if (getenv("DISPLAY") == NULL && getenv("WAYLAND_DISPLAY") == NULL)
         return mn_fail(st, MN_NO_GRAPHICS, "no display (DISPLAY is not set); try metanode shoot");
-    mn_code code = mn_session_open(desc, &v->session, st);
+    mn_code code = open_path(v, st);
     if (code == MN_OK)
-        code = start_camera(v, st);
+        code = mn_session_open(desc, &v->session, st);
     if (code == MN_OK)
         code = gl_load_module(&v->load, st);
     if (code != MN_OK)
@@ -163,28 +175,72 @@ static void screenshot(viewer *v) {
     fflush(stdout);
 }
 
-/* A path file for replay and shoot: a line a picture (docs/paths.md). */
-static void start_or_stop_recording(viewer *v) {
-    char name[32];
-    if (v->record != NULL) {
-        if (fclose(v->record) != 0)
-            cli_error(MN_FAILED, "the path could not be written whole: %s", strerror(errno));
-        else
-            printf("recorded\n");
-        v->record = NULL;
-    } else if (!free_name("path", name) || (v->record = fopen(name, "we")) == NULL) {
-        cli_error(MN_FAILED, "no path can be recorded in this directory: %s", strerror(errno));
-    } else {
-        fputs("metanode path 1\n", v->record);
-        printf("recording to %s; p stops\n", name);
-    }
+static mn_camera camera_now(const viewer *v) {
+    return v->flying ? v->flown : orbit_camera(&v->now);
 }
 
-static void record(viewer *v, const mn_camera *c) {
-    if (v->record != NULL)
-        fprintf(v->record, "%.9g %.9g %.9g  %.9g %.9g %.9g  %.9g %.9g %.9g  %.9g\n", c->eye[0],
-                c->eye[1], c->eye[2], c->target[0], c->target[1], c->target[2], c->up[0], c->up[1],
-                c->up[2], c->fov_y_deg);
+/* Which frame of the recording it is: of --fps a second, as it was flown. Replayed, it goes by
+ * frames, whatever time they take. */
+static uint32_t record_frame(const viewer *v) {
+    const double fps = v->options.desc.fps > 0 ? (double)v->options.desc.fps : 60;
+    return (uint32_t)fmin((cli_seconds(CLOCK_MONOTONIC) - v->record_s) * fps, 1e8);
+}
+
+static void record(viewer *v) {
+    const mn_camera camera = camera_now(v);
+    if (v->record.file != NULL)
+        path_record_camera(&v->record, record_frame(v), &camera);
+}
+
+static void stop_recording(viewer *v) {
+    const mn_camera camera = camera_now(v);
+    path_record_end(&v->record, record_frame(v), &camera);
+    const uint32_t frames = v->record.frame + 1;
+    const bool bad = ferror(v->record.file) != 0;
+    if (fclose(v->record.file) != 0 || bad)
+        cli_error(mn_code_of_write(errno), "the path could not be written whole: %s",
+                  strerror(errno));
+    else
+        printf("recorded %u frames\n", frames);
+    v->record = (path_record){0};
+}
+
+/* A path file for replay, shoot and view (docs/paths.md). Never over a file that is there. */
+static void start_recording(viewer *v) {
+    char name[32];
+    do { /* another may take the name that was free */
+        if (!free_name("path", name)) {
+            cli_error(MN_FAILED, "no name is left for a path in this directory");
+            return;
+        }
+        v->record.file = fopen(name, "wxe");
+    } while (v->record.file == NULL && errno == EEXIST);
+    if (v->record.file == NULL) {
+        cli_error(MN_FAILED, "%s: cannot be written: %s", name, strerror(errno));
+        return;
+    }
+    v->record_s = cli_seconds(CLOCK_MONOTONIC);
+    printf("recording to %s; p stops\n", name);
+}
+
+/* Back to the hand, where the flight has come to. */
+static void stop_flying(viewer *v) {
+    if (!v->flying)
+        return;
+    v->flying = false;
+    v->now = orbit_from(&v->flown, v->radius);
+    v->aimed = false;
+    printf("flown to frame %u of %u\n", v->path_frame, v->path_frames);
+}
+
+static void fly_or_stop(viewer *v) {
+    if (v->flying) {
+        stop_flying(v);
+        return;
+    }
+    v->flying = true;
+    v->path_frame = 0;
+    mn_path_camera(v->path, 0, v->path_frames, &v->flown);
 }
 
 /* false: the user wants to go. */
@@ -200,6 +256,7 @@ static bool take_character(viewer *v, uint32_t character) {
         v->look.flat = !v->look.flat;
         break;
     case 'r':
+        stop_flying(v);
         v->now = v->start;
         v->aimed = false;
         v->adapting = true;
@@ -221,7 +278,13 @@ static bool take_character(viewer *v, uint32_t character) {
         v->shoot = true;
         break;
     case 'p':
-        start_or_stop_recording(v);
+        if (v->record.file != NULL)
+            stop_recording(v);
+        else
+            start_recording(v);
+        break;
+    case 'g':
+        fly_or_stop(v);
         break;
     case 'h':
     case '?':
@@ -249,6 +312,8 @@ static void aim(viewer *v) {
 static bool take_input(viewer *v, const mn_gl_input *input) {
     const bool turned = input->orbit[0] != 0 || input->orbit[1] != 0;
     const bool panned = input->pan[0] != 0 || input->pan[1] != 0;
+    if (turned || panned || input->zoom != 0)
+        stop_flying(v);
     if (panned) {
         orbit_pan(&v->now, input->pan[0], input->pan[1]);
         v->aimed = false;
@@ -285,7 +350,7 @@ static void follow_size(viewer *v) {
 
 /* Has the next frame anything to do? */
 static bool busy(const viewer *v) {
-    return v->dirty || (v->adapting && !v->paused);
+    return v->dirty || v->flying || (v->adapting && !v->paused);
 }
 
 static void set_title(viewer *v, double now) {
@@ -316,9 +381,20 @@ static mn_code hand_over(viewer *v, mn_status *st) {
     return code;
 }
 
+/* A flight goes by frames, one a picture, and stops at the last. */
+static void next_of_flight(viewer *v) {
+    if (v->flying && v->path_frame == v->path_frames)
+        stop_flying(v);
+    if (!v->flying)
+        return;
+    mn_path_camera(v->path, v->path_frame++, v->path_frames, &v->flown);
+    v->dirty = v->adapting = true;
+}
+
 /* One step of the session, if it has anything to do, and a picture, if there is anything new. */
 static mn_code frame(viewer *v, mn_status *st) {
-    const mn_camera camera = orbit_camera(&v->now);
+    next_of_flight(v);
+    const mn_camera camera = camera_now(v);
     mn_code code = MN_OK;
     if (v->adapting && !v->paused) {
         mn_session_frame(v->session, &camera, &v->stats);
@@ -333,7 +409,7 @@ static mn_code frame(viewer *v, mn_status *st) {
     gl_load_leave(&v->load, entered);
     if (v->shoot && code == MN_OK)
         screenshot(v);
-    record(v, &camera);
+    record(v);
     v->shoot = false;
     v->dirty = false;
     v->drawn++;
@@ -347,6 +423,8 @@ static bool wait(viewer *v, double due_s) {
     bool stays = true;
     do {
         v->load.api->poll(v->gl, left, &input);
+        if (!busy(v))
+            record(v); /* it has stood until now */
         stays = take_input(v, &input);
         left = due_s - cli_seconds(CLOCK_MONOTONIC);
     } while (left > 1e-4 && stays);
@@ -390,10 +468,11 @@ int cmd_view(int argc, char **argv) {
         fflush(stdout);
         loop(&v, &st);
     }
-    if (v.record != NULL)
-        start_or_stop_recording(&v);
+    if (v.record.file != NULL)
+        stop_recording(&v);
     if (v.gl != NULL)
         v.load.api->close(v.gl);
     mn_session_close(v.session);
+    mn_path_close(v.path);
     return cli_status(&st);
 }

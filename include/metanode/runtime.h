@@ -35,7 +35,14 @@ mn_code mn_path_open(const char *name, const mn_header *header, float fov_y_deg,
 /* The camera of frame `frame` of `frames`: a pure function, the same on every machine and run. */
 void mn_path_camera(const mn_path *path, uint32_t frame, uint32_t frames, mn_camera *out);
 uint32_t mn_path_frames(const mn_path *path); /* as recorded in a path file; 0: any number */
+uint64_t mn_path_bytes(const mn_path *path);  /* memory that it takes, for a session's base_bytes */
 void mn_path_close(mn_path *path);
+
+/* Writing a path file: the heading, then a line a key, frames rising from 0. */
+extern const char mn_path_heading[];
+enum { MN_PATH_LINE_BYTES = 256 };
+/* One key with its newline; read again it is the same, to the bit. Returns the line's length. */
+int mn_path_line(char line[MN_PATH_LINE_BYTES], uint32_t frame, const mn_camera *camera);
 
 /* ---- sessions ------------------------------------------------------------------------------- */
 

@@ -1,24 +1,18 @@
 /* The paths a camera can take: formulas from the header's bounds and dive point, or a file.
  *
- * Hides: the formulas (docs/paths.md gives them) and the file's text. A camera is a pure function
- * of path, frame and number of frames, the same on every machine: sine, cosine and exponential are
- * our own series, since those of the C libraries differ in the last bit.
+ * Hides: the formulas (docs/paths.md gives them); files are path_keys.c's. A camera is a pure
+ * function of path, frame and number of frames, the same on every machine: sine, cosine and
+ * exponential are our own series, since those of the C libraries differ in the last bit.
  *
  * Order of calls: open, camera as often as wanted, close. A path is const after open: any thread.
- * Memory: one block, freed by close; a path file's cameras are 40 bytes a frame, at most 64 MB. */
-#include <ctype.h>
-#include <errno.h>
+ * Memory: one block, and a file's keys, freed by close. */
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "assert.h"
 #include "metanode/runtime.h"
-
-enum { FRAMES_MAX = 1600000, LINE_BYTES_MAX = 1024 };
-static const char MAGIC[] = "metanode path 1";
+#include "path_keys.h"
 
 typedef enum path_kind { PATH_ORBIT, PATH_DIVE, PATH_FLYOVER, PATH_FILE } path_kind;
 
@@ -27,9 +21,7 @@ struct mn_path {
     double center[3], half[3], radius; /* of the bounding box; radius: half its diagonal */
     double dive_point[3], dive_normal[3];
     float fov_y_deg;
-    uint32_t frames; /* of a file */
-    uint32_t frames_room;
-    mn_camera *camera;
+    mni_path_keys keys; /* of a file */
 };
 
 /* ---- our own elementary functions ------------------------------------------------------------ */
@@ -104,22 +96,12 @@ static void flyover(const mn_path *path, double t, mn_camera *out) {
     place(out, eye, target, (double[3]){0, 1, 0});
 }
 
-/* Straight lines between the recorded cameras. */
-static void recorded(const mn_path *path, double t, mn_camera *out) {
-    double at = t * (path->frames - 1);
-    uint32_t i = (uint32_t)at;
-    if (i + 1 >= path->frames) {
-        *out = path->camera[path->frames - 1];
-        return;
-    }
-    const mn_camera *a = &path->camera[i], *b = a + 1;
-    float f = (float)(at - i);
-    for (int k = 0; k < 3; k++) {
-        out->eye[k] = a->eye[k] + f * (b->eye[k] - a->eye[k]);
-        out->target[k] = a->target[k] + f * (b->target[k] - a->target[k]);
-        out->up[k] = a->up[k] + f * (b->up[k] - a->up[k]);
-    }
-    out->fov_y_deg = a->fov_y_deg + f * (b->fov_y_deg - a->fov_y_deg);
+/* The frame of the recording that is frame f of F: (N - 1) f / (F - 1), exact where F is N. */
+static double recorded_frame(const mn_path *path, uint32_t frame, uint32_t frames) {
+    const double last = (double)mni_path_keys_last(&path->keys);
+    if (frames == 1)
+        return 0;
+    return frame < frames ? last * (double)frame / (double)(frames - 1) : last;
 }
 
 void mn_path_camera(const mn_path *path, uint32_t frame, uint32_t frames, mn_camera *out) {
@@ -138,110 +120,17 @@ void mn_path_camera(const mn_path *path, uint32_t frame, uint32_t frames, mn_cam
         flyover(path, t, out);
         break;
     case PATH_FILE:
-        recorded(path, t, out);
+        mni_path_keys_at(&path->keys, recorded_frame(path, frame, frames), out);
         break;
     }
 }
 
 uint32_t mn_path_frames(const mn_path *path) {
-    return path->kind == PATH_FILE ? path->frames : 0;
+    return path->kind == PATH_FILE ? mni_path_keys_last(&path->keys) + 1 : 0;
 }
 
-/* ---- path files ------------------------------------------------------------------------------ */
-
-/* Nine or ten finite numbers. false: why. */
-static bool parse_camera(const char *line, float fov_y_deg, mn_camera *out, const char **why) {
-    float v[10];
-    int n = 0;
-    for (const char *at = line;; n++) {
-        while (isspace((unsigned char)*at))
-            at++;
-        if (*at == 0 || *at == '#')
-            break;
-        char *end;
-        float x = strtof(at, &end);
-        if (end == at || n == 10 || !isfinite(x)) {
-            *why = n == 10 ? "more than 10 numbers" : "not a finite number";
-            return false;
-        }
-        v[n] = x;
-        at = end;
-    }
-    if (n != 9 && n != 10) {
-        *why = "9 or 10 numbers expected: eye, target, up and, if wanted, the angle of view";
-        return false;
-    }
-    memcpy(out->eye, v, sizeof out->eye);
-    memcpy(out->target, v + 3, sizeof out->target);
-    memcpy(out->up, v + 6, sizeof out->up);
-    out->fov_y_deg = n == 10 ? v[9] : fov_y_deg;
-    bool stands = v[0] == v[3] && v[1] == v[4] && v[2] == v[5];
-    if (stands || !(out->fov_y_deg >= 1 && out->fov_y_deg <= 170)) {
-        *why = stands ? "eye and target are the same" : "angle of view outside 1 … 170 degrees";
-        return false;
-    }
-    return true;
-}
-
-static bool keep(mn_path *path, const mn_camera *camera) {
-    if (path->frames == path->frames_room) {
-        uint32_t room = path->frames_room ? path->frames_room * 2 : 256;
-        mn_camera *more = realloc(path->camera, room * sizeof *more);
-        if (more == NULL)
-            return false;
-        path->camera = more;
-        path->frames_room = room;
-    }
-    path->camera[path->frames++] = *camera;
-    return true;
-}
-
-static mn_code read_lines(FILE *f, const char *name, mn_path *path, mn_status *st) {
-    char line[LINE_BYTES_MAX];
-    for (uint32_t number = 1; fgets(line, sizeof line, f) != NULL; number++) {
-        size_t length = strlen(line);
-        if (length + 1 == sizeof line && line[length - 1] != '\n')
-            return mn_fail(st, MN_BAD_INPUT, "%s: line %u: longer than %d bytes", name, number,
-                           LINE_BYTES_MAX);
-        line[strcspn(line, "\r\n")] = 0;
-        if (number == 1) {
-            if (strcmp(line, MAGIC) != 0)
-                return mn_fail(st, MN_BAD_INPUT,
-                               "%s: line 1: not a path file: it must begin with '%s'", name, MAGIC);
-            continue;
-        }
-        const char *at = line + strspn(line, " \t"), *why;
-        if (*at == 0 || *at == '#')
-            continue;
-        mn_camera camera;
-        if (!parse_camera(at, path->fov_y_deg, &camera, &why))
-            return mn_fail(st, MN_BAD_INPUT, "%s: line %u: %s", name, number, why);
-        if (path->frames == FRAMES_MAX)
-            return mn_fail(st, MN_BAD_INPUT, "%s: line %u: more than %d frames", name, number,
-                           FRAMES_MAX);
-        if (!keep(path, &camera))
-            return mn_fail(st, MN_FAILED, "%s: no memory for its cameras", name);
-    }
-    if (ferror(f))
-        return mn_fail(st, MN_FAILED, "%s: cannot be read: %s", name, strerror(errno));
-    if (path->frames == 0)
-        return mn_fail(st, MN_BAD_INPUT, "%s: holds no camera", name);
-    return MN_OK;
-}
-
-static mn_code read_file(const char *name, mn_path *path, mn_status *st) {
-    struct stat info;
-    if (stat(name, &info) == 0 && !S_ISREG(info.st_mode)) /* a fifo would be waited for */
-        return mn_fail(st, MN_BAD_INPUT, "--path %s: not a file; give the name of a regular file",
-                       name);
-    FILE *f = fopen(name, "re");
-    if (f == NULL)
-        return mn_fail(st, errno == ENOENT ? MN_USAGE : MN_FAILED,
-                       "--path %s: neither orbit, dive nor flyover, and no file: %s", name,
-                       strerror(errno));
-    mn_code code = read_lines(f, name, path, st);
-    fclose(f);
-    return code;
+uint64_t mn_path_bytes(const mn_path *path) {
+    return sizeof *path + path->keys.room * (uint64_t)(sizeof(uint32_t) + sizeof(mn_camera));
 }
 
 /* ---- open and close -------------------------------------------------------------------------- */
@@ -267,7 +156,8 @@ mn_code mn_path_open(const char *name, const mn_header *header, float fov_y_deg,
     for (int i = 0; i < 3; i++)
         if (strcmp(name, names[i]) == 0)
             path->kind = (path_kind)i;
-    mn_code code = path->kind == PATH_FILE ? read_file(name, path, st) : MN_OK;
+    mn_code code =
+        path->kind == PATH_FILE ? mni_path_keys_read(name, fov_y_deg, &path->keys, st) : MN_OK;
     if (code == MN_OK)
         *out = path;
     else
@@ -278,6 +168,6 @@ mn_code mn_path_open(const char *name, const mn_header *header, float fov_y_deg,
 void mn_path_close(mn_path *path) {
     if (path == NULL)
         return;
-    free(path->camera);
+    mni_path_keys_free(&path->keys);
     free(path);
 }

@@ -186,7 +186,7 @@ not_meshes() {
     printf 'metanode path 1\n0 0 9 0 0 0 0 1 0\n' >good.path
     expect 0 "a good path" replay hills.mnt --path good.path --fps 0
     local text
-    for text in '' 'metanode path 2' 'metanode path 1' $'metanode path 1\n1 2 3 4 5 6 7 8' \
+    for text in '' 'metanode path 3' 'metanode path 2' 'metanode path 1' $'metanode path 1\n1 2 3 4 5 6 7 8' \
         $'metanode path 1\n0 0 9 0 0 0 0 nan 0' $'metanode path 1\n0 0 9 0 0 0 0 1 0 1000' \
         $'metanode path 1\n0 0 9 0 0 0 0 1 0 45 1' $'metanode path 1\n0 0 9 0 0 x 0 1 0'; do
         echo "$text" >bad.path

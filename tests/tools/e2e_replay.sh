@@ -148,6 +148,33 @@ same_figures() {
     done
 }
 
+# ---- paths written out ------------------------------------------------------------------------------
+
+# A standard path as a file, a key a frame, gives the same figures; a key every tenth frame, nearly.
+written_paths() {
+    local file=$1 path every was
+    local run=(--io sim --io-serial -K 12 --fps 0 --settle --json)
+    for path in orbit dive flyover; do
+        expect 0 "$path" replay "$file" --path "$path" --frames 61 "${run[@]}" || continue
+        grep -vE '"(nav_ms|nav_cpu_ms|rss|gl_rss|nav_lock|io_lock|ram_)' "$out" >built-in.json
+        for every in 1 10; do
+            expect 0 "$path written" replay "$file" --path "$path" --frames 61 --write-path "$path.path" \
+                --key-every "$every" &&
+                expect 0 "$path read" replay "$file" --path "$path.path" "${run[@]}" || continue 2
+            grep -vE '"(nav_ms|nav_cpu_ms|rss|gl_rss|nav_lock|io_lock|ram_)' "$out" >recorded.json
+            if [[ $every -eq 1 ]]; then
+                check "$path: the same figures" cmp built-in.json recorded.json
+            else
+                was=$("$helpers/e2e_json" triangles_mean <built-in.json)
+                holds "$path: about the same triangles" "($(figures triangles_mean) / $was - 1) ^ 2 < 0.05 ^ 2"
+            fi
+        done
+    done
+    expect 2 "no keys" replay "$file" --path orbit --write-path a.path --key-every 0 && one_line "no keys" key-every
+    expect 2 "over the path" replay "$file" --path dive.path --write-path dive.path
+    expect 2 "over the model" replay "$file" --path dive --write-path "$file"
+}
+
 # ---- what is asked for is heeded --------------------------------------------------------------------
 
 options() {
@@ -218,6 +245,7 @@ part settled_fronts hills
 part settled_fronts torus --frustum 3 --cones off --silhouettes 4 --light on --light-factor 3
 part without_o_direct hills
 part same_figures hills
+part written_paths hills-packed.mnt
 part options hills-packed.mnt
 part adapt_bench hills-packed.mnt
 finish

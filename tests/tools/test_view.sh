@@ -91,6 +91,24 @@ for n in 1 2 3 4; do
     [ -s metanode-$n.png ] || fail "no metanode-$n.png"
     [ $n -eq 1 ] || ! cmp -s metanode-1.png metanode-$n.png || fail "look $n is look 1"
 done
+
+# Recorded, and never over what is there; flown.
+echo mine >metanode-1.path
+xdotool type --delay 50 p
+sleep 1
+xdotool mousemove 200 150 click --repeat 4 --delay 100 4
+sleep 1
+xdotool type --delay 50 p
+sleep 1
+[ "$(cat metanode-1.path)" = mine ] || fail "a path was written over"
+"$metanode" replay a.mnt --path metanode-2.path --fps 0 >replay.txt 2>&1 || fail "the recording: $(cat replay.txt)"
+frames=$(sed -nE 's/^recorded ([0-9]+) frames$/\1/p' out.txt)
+[ "$frames" -ge 60 ] && grep -q "^paged *$frames frames" replay.txt || fail "recorded $frames: $(cat replay.txt)"
+xdotool type --delay 50 g
+sleep 2
+xdotool type --delay 50 g
+sleep 1
+grep -Eq '^flown to frame [0-9]+ of 600$' out.txt || fail "no flight"
 xdotool key Escape
 wait $viewer
 code=$?
