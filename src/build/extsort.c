@@ -67,6 +67,7 @@
 
 #include <stdbool.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "assert.h"
 #include "mem.h"
@@ -107,7 +108,8 @@ typedef struct merge {
     leaf *leaf;
     uint32_t *loser; /* [0]: the winner; [1, ways): inner nodes */
     mni_spill_reader *reader;
-    unsigned char *buffer; /* ways + 1 of them; the last is for writing */
+    unsigned char *unpacked; /* each way's record, where they are packed */
+    unsigned char *buffer;   /* ways + 1 of them; the last is for writing */
     size_t buffer_bytes;
 } merge;
 
@@ -120,10 +122,11 @@ struct mni_sort {
     uint8_t digit_at[DIGITS_MAX]; /* most significant first: where in the record */
     uint32_t ways_max, runs_max, runs;
     run *run;
-    key last; /* of the newest run */
+    key last;              /* of the newest run */
+    unsigned char *newest; /* its record that was packed last */
     unsigned char *work;
-    size_t work_bytes;
-    uint64_t room, held, taken; /* records in memory: that fit, are there, were handed out */
+    size_t work_bytes, merge_bytes; /* all of it; what merges use, from the front */
+    uint64_t room, held, taken;     /* records in memory: that fit, are there, were handed out */
     mni_spill spill;
     merge merge;
     mni_sort_figures figures;
@@ -134,30 +137,34 @@ struct mni_sort {
 
 typedef struct plan {
     uint32_t ways_max, runs_max;
-    size_t work_bytes;
+    size_t work_bytes, merge_bytes;
 } plan;
 
 /* Of one way of a merge, buffer apart. */
-static uint64_t way_bytes(void) {
-    return sizeof(leaf) + sizeof(mni_spill_reader) + sizeof(uint32_t);
+static uint64_t way_bytes(const mni_sort_desc *desc) {
+    return sizeof(leaf) + sizeof(mni_spill_reader) + sizeof(uint32_t) +
+           (desc->packing != NULL ? desc->record_bytes : 0);
 }
 
 /* Of buffers, for so many ways and the writer. */
-static uint64_t buffers_bytes(uint64_t work_bytes, uint32_t ways) {
-    uint64_t own = ways * way_bytes() + 2 * ALIGN;
-    return work_bytes > own ? (work_bytes - own) / (ways + 1) : 0;
+static uint64_t buffers_bytes(const mni_sort_desc *desc, uint64_t merge_bytes, uint32_t ways) {
+    uint64_t own = (ways + 1) * way_bytes(desc) + 3 * ALIGN;
+    return merge_bytes > own ? (merge_bytes - own) / (ways + 1) : 0;
 }
 
 static plan make_plan(const mni_sort_desc *desc) {
     plan p;
     uint64_t budget = desc->budget_bytes / PAGE_BYTES * PAGE_BYTES,
-             each = BUFFER_BYTES + way_bytes() + 2 * sizeof(run);
-    uint64_t ways = budget / each > 1 ? budget / each - 1 : 0;
+             after = desc->after_bytes > 0 ? desc->after_bytes / PAGE_BYTES * PAGE_BYTES : budget,
+             each = BUFFER_BYTES + way_bytes(desc) + 2 * sizeof(run);
+    uint64_t ways = after / each > 1 ? after / each - 1 : 0;
     p.ways_max = ways < WAYS_MIN ? WAYS_MIN : ways > WAYS_MAX ? WAYS_MAX : (uint32_t)ways;
     p.runs_max = 2 * p.ways_max + SPARE_RUNS;
-    uint64_t own = sizeof(mni_sort) + p.runs_max * sizeof(run) + 3 * ALIGN; /* as open takes it */
-    MN_ASSERT(budget > own);
+    uint64_t own = sizeof(mni_sort) + p.runs_max * sizeof(run) + desc->record_bytes +
+                   4 * ALIGN; /* as open takes it */
+    MN_ASSERT(after > own && after <= budget);
     p.work_bytes = (size_t)(budget - own) / ALIGN * ALIGN;
+    p.merge_bytes = (size_t)(after - own) / ALIGN * ALIGN;
     return p;
 }
 
@@ -170,6 +177,8 @@ mn_code mni_sort_open(mni_sort **out, const mni_sort_desc *desc, mn_status *st) 
     MN_ASSERT(desc->record_bytes % 4 == 0 && desc->record_bytes <= MNI_SORT_RECORD_MAX);
     MN_ASSERT(desc->record_bytes >= key_bytes[desc->key]);
     MN_ASSERT(desc->budget_bytes >= MNI_SORT_BUDGET_MIN && desc->temp_dir != NULL);
+    MN_ASSERT(desc->after_bytes == 0 || desc->after_bytes >= MNI_SORT_BUDGET_MIN);
+    MN_ASSERT(desc->packing == NULL || desc->packing->bytes_max <= MNI_SORT_PACKED_MAX);
     plan p = make_plan(desc);
     mni_arena arena;
     *out = NULL;
@@ -180,6 +189,8 @@ mn_code mni_sort_open(mni_sort **out, const mni_sort_desc *desc, mn_status *st) 
     s->run = mni_arena_take(&arena, p.runs_max, sizeof *s->run, ALIGN);
     s->work = mni_arena_take(&arena, p.work_bytes, 1, ALIGN);
     s->work_bytes = p.work_bytes;
+    s->merge_bytes = p.merge_bytes;
+    s->newest = mni_arena_take(&arena, desc->record_bytes, 1, ALIGN);
     mni_arena_seal(&arena);
     s->desc = *desc;
     s->digits = key_bytes[desc->key];
@@ -349,9 +360,23 @@ static inline bool beats(const leaf *a, const leaf *b) {
     return a->order < b->order;
 }
 
+/* The way's next record. */
+static inline const void *take(const mni_sort *s, merge *m, uint32_t way) {
+    const mni_sort_packing *p = s->desc.packing;
+    mni_spill_reader *r = &m->reader[way];
+    if (p == NULL)
+        return mni_spill_take(r, s->desc.record_bytes);
+    const unsigned char *at = mni_spill_peek(r, p->bytes_max);
+    if (at == NULL)
+        return NULL;
+    unsigned char *record = m->unpacked + (size_t)way * s->desc.record_bytes;
+    mni_spill_skip(r, p->unpack(p->context, at, record));
+    return record;
+}
+
 static inline void load_leaf(const mni_sort *s, merge *m, uint32_t way) {
     leaf *l = &m->leaf[way];
-    l->record = mni_spill_take(&m->reader[way], s->desc.record_bytes);
+    l->record = take(s, m, way);
     if (l->record != NULL) {
         l->key = key_of(s, l->record);
     } else {
@@ -396,20 +421,27 @@ static inline void play_again(merge *m) {
 static void merge_open(mni_sort *s, uint32_t first, uint32_t ways) {
     merge *m = &s->merge;
     unsigned char *at = s->work;
-    size_t bytes = s->desc.record_bytes, each = buffers_bytes(s->work_bytes, ways);
+    size_t bytes = s->desc.record_bytes, each = buffers_bytes(&s->desc, s->merge_bytes, ways);
     *m = (merge){.ways = ways};
     if (each > BUFFER_BYTES_MAX)
         each = BUFFER_BYTES_MAX;
-    m->buffer_bytes = each / bytes * bytes;
-    MN_ASSERT(m->buffer_bytes >= bytes);
+    m->buffer_bytes = s->desc.packing != NULL ? each : each / bytes * bytes;
+    MN_ASSERT(m->buffer_bytes >=
+              (s->desc.packing != NULL ? 2 * s->desc.packing->bytes_max : bytes));
     m->leaf = (leaf *)(void *)at;
     at += ways * sizeof *m->leaf;
     m->reader = (mni_spill_reader *)(void *)at;
     at += ways * sizeof *m->reader;
     m->loser = (uint32_t *)(void *)at;
     at += ways * sizeof *m->loser;
-    m->buffer = at + (ALIGN - (uintptr_t)at % ALIGN) % ALIGN;
-    MN_ASSERT(m->buffer + (ways + 1) * m->buffer_bytes <= s->work + s->work_bytes);
+    at += (ALIGN - (uintptr_t)at % ALIGN) % ALIGN;
+    if (s->desc.packing != NULL) {
+        m->unpacked = at;
+        memset(at, 0, ways * bytes);
+        at += (ways * bytes + ALIGN - 1) / ALIGN * ALIGN;
+    }
+    m->buffer = at;
+    MN_ASSERT(m->buffer + (ways + 1) * m->buffer_bytes <= s->work + s->merge_bytes);
     for (uint32_t i = 0; i < ways; i++) {
         const run *r = &s->run[first + i];
         mni_spill_reader_open(&m->reader[i], &s->spill, r->from, r->from + r->bytes,
@@ -430,16 +462,28 @@ static inline const void *merge_next(const mni_sort *s, merge *m) {
     return m->leaf[m->loser[0]].record; /* NULL: the best is exhausted, so all are */
 }
 
+/* The newest run's next record. */
+static void put_packed(mni_sort *s, mni_spill_writer *w, const void *record) {
+    const mni_sort_packing *p = s->desc.packing;
+    unsigned char packed[MNI_SORT_PACKED_MAX];
+    mni_spill_put(w, packed, (size_t)(p->pack(p->context, packed, record, s->newest) - packed));
+    memcpy(s->newest, record, s->desc.record_bytes);
+}
+
 /* Makes one run of neighbouring ones, and puts it in their place. */
 static void merge_runs(mni_sort *s, uint32_t first, uint32_t ways) {
     mni_spill_writer w;
     const void *record;
     run whole = {.from = s->spill.size_bytes};
     merge_open(s, first, ways);
+    memset(s->newest, 0, s->desc.record_bytes);
     mni_spill_writer_open(&w, &s->spill, s->merge.buffer + ways * s->merge.buffer_bytes,
                           s->merge.buffer_bytes);
     while ((record = merge_next(s, &s->merge)) != NULL)
-        mni_spill_put(&w, record, s->desc.record_bytes);
+        if (s->desc.packing != NULL)
+            put_packed(s, &w, record);
+        else
+            mni_spill_put(&w, record, s->desc.record_bytes);
     mni_spill_end(&w);
     whole.bytes = s->spill.size_bytes - whole.from;
     s->run[first] = whole;
@@ -467,6 +511,23 @@ static uint32_t cheapest(const mni_sort *s, uint32_t ways) {
 
 /* ---- from the outside ------------------------------------------------------------------------ */
 
+/* What is in memory, sorted, to the end of the file. */
+static void write_held(mni_sort *s, bool goes_on) {
+    const size_t bytes = s->desc.record_bytes;
+    mni_spill_writer w; /* in the half that the sorting has used */
+    if (s->desc.packing == NULL) {
+        mni_spill_append(&s->spill, s->work, s->held * bytes);
+        return;
+    }
+    if (!goes_on)
+        memset(s->newest, 0, bytes);
+    mni_spill_writer_open(&w, &s->spill, s->work + s->room * bytes,
+                          s->room * bytes < BUFFER_BYTES_MAX ? s->room * bytes : BUFFER_BYTES_MAX);
+    for (uint64_t i = 0; i < s->held; i++)
+        put_packed(s, &w, s->work + i * bytes);
+    mni_spill_end(&w);
+}
+
 /* Sorts what is in memory and writes it, as a run of its own or as the end of the newest. */
 static void spill_held(mni_sort *s) {
     const size_t bytes = s->desc.record_bytes;
@@ -475,15 +536,15 @@ static void spill_held(mni_sort *s) {
         mni_spill_open(&s->spill, s->desc.temp_dir, st);
     if (st->code == MN_OK) {
         sort_held(s);
-        uint64_t from = s->spill.size_bytes, size = s->held * bytes;
+        uint64_t from = s->spill.size_bytes;
         bool goes_on = s->runs > 0 && !less(key_of(s, s->work), s->last) &&
                        s->run[s->runs - 1].from + s->run[s->runs - 1].bytes == from;
         s->last = key_of(s, s->work + (s->held - 1) * bytes);
-        mni_spill_append(&s->spill, s->work, size);
+        write_held(s, goes_on);
         if (goes_on) {
-            s->run[s->runs - 1].bytes += size;
+            s->run[s->runs - 1].bytes += s->spill.size_bytes - from;
         } else {
-            s->run[s->runs++] = (run){from, size};
+            s->run[s->runs++] = (run){from, s->spill.size_bytes - from};
             s->figures.runs++;
         }
     }
@@ -501,16 +562,27 @@ void mni_sort_put(mni_sort *sort, const void *record) {
     sort->figures.records++;
 }
 
+/* Pages behind what is used from here on. */
+static void give_back(mni_sort *s, size_t used_bytes) {
+    uintptr_t from = ((uintptr_t)s->work + used_bytes + PAGE_BYTES - 1) / PAGE_BYTES * PAGE_BYTES;
+    uintptr_t to = ((uintptr_t)s->work + s->work_bytes) / PAGE_BYTES * PAGE_BYTES;
+    if (s->desc.after_bytes > 0 && to > from)
+        (void)madvise((void *)from, to - from, MADV_DONTNEED);
+}
+
 mn_code mni_sort_finish(mni_sort *sort, mn_status *st) {
     MN_ASSERT(sort->phase == PUTTING);
     mn_status *own = &sort->spill.trouble;
-    if (sort->spill.fd < 0 && own->code == MN_OK) {
+    const uint64_t held_bytes = sort->held * sort->desc.record_bytes;
+    if (sort->spill.fd < 0 && own->code == MN_OK && held_bytes <= sort->merge_bytes) {
         sort_held(sort);
         sort->phase = FROM_MEMORY;
+        give_back(sort, held_bytes);
         return MN_OK;
     }
     if (sort->held > 0)
         spill_held(sort);
+    give_back(sort, sort->merge_bytes);
     while (sort->runs > sort->ways_max && own->code == MN_OK) {
         uint32_t ways = sort->runs - sort->ways_max + 1;
         ways = ways < sort->ways_max ? ways : sort->ways_max;

@@ -7,7 +7,8 @@
  * (mni_sort_room) touches no disk.
  *
  * Everything that is allocated, this struct included, is one mapping of the budget's size, whose
- * pages are the kernel's until they are used. One thread a sort; calls may block on the disk. */
+ * pages are the kernel's until they are used, and again when finish gives them back. One thread a
+ * sort; calls may block on the disk. */
 #ifndef MNI_EXTSORT_H
 #define MNI_EXTSORT_H
 
@@ -26,11 +27,25 @@ typedef enum mni_sort_key {
     MNI_SORT_U128, /* the high u64, then the low one */
 } mni_sort_key;
 
+/* How records lie on the disk, where that takes fewer bytes: neighbours in order are alike. */
+typedef struct mni_sort_packing {
+    uint32_t bytes_max; /* of a packed record, at most MNI_SORT_PACKED_MAX */
+    /* Behind what was put; before: the record before this one, zeros where it is the first. */
+    unsigned char *(*pack)(const void *context, unsigned char *to, const void *record,
+                           const void *before);
+    /* Behind what was taken; *record is the one before, and becomes this one, to its last bit. */
+    const unsigned char *(*unpack)(const void *context, const unsigned char *from, void *record);
+    const void *context;
+} mni_sort_packing;
+enum { MNI_SORT_PACKED_MAX = 512 };
+
 typedef struct mni_sort_desc {
     uint32_t record_bytes; /* a multiple of 4, at least the key's, at most MNI_SORT_RECORD_MAX */
     mni_sort_key key;
     uint64_t budget_bytes; /* at least MNI_SORT_BUDGET_MIN */
-    const char *temp_dir;  /* outlives the sort */
+    uint64_t after_bytes;  /* what it keeps of them from finish on, at least as much; 0: all */
+    const mni_sort_packing *packing; /* outlives the sort; NULL: as they are */
+    const char *temp_dir;            /* likewise */
 } mni_sort_desc;
 
 typedef struct mni_sort mni_sort;

@@ -228,7 +228,7 @@ static mn_code check_sum(mni_spill *spill, uint64_t sum, mn_status *st) {
     if (piece == NULL)
         return mn_fail(st, MN_FAILED, "out of memory for a temporary file");
     mni_spill_reader_open(&from, spill, 0, spill->size_bytes, piece, PIECE_BYTES, false);
-    while (mni_spill_refill(&from))
+    for (; mni_spill_refill(&from); from.taken_bytes = from.filled_bytes)
         XXH3_64bits_update(spill->sum, piece, from.filled_bytes);
     free(piece);
     if (spill->trouble.code != MN_OK)
@@ -286,13 +286,16 @@ void mni_spill_reader_open(mni_spill_reader *r, mni_spill *spill, uint64_t from,
 
 bool mni_spill_refill(mni_spill_reader *r) {
     mni_spill *spill = r->spill;
+    size_t kept = r->filled_bytes - r->taken_bytes, room = r->buffer_bytes - kept;
     uint64_t left = r->end - r->next;
-    size_t want = left < r->buffer_bytes ? (size_t)left : r->buffer_bytes;
-    r->filled_bytes = r->taken_bytes = 0;
+    size_t want = left < room ? (size_t)left : room;
+    memmove(r->buffer, r->buffer + r->taken_bytes, kept);
+    r->filled_bytes = kept;
+    r->taken_bytes = 0;
     if (r->discarded != UINT64_MAX)
         discard(r, want == 0);
-    if (mni_spill_read_at(spill, r->next, r->buffer, want) == MN_OK) {
-        r->filled_bytes = want;
+    if (want > 0 && mni_spill_read_at(spill, r->next, r->buffer + kept, want) == MN_OK) {
+        r->filled_bytes += want;
         r->next += want;
     }
     if (spill->trouble.code != MN_OK)

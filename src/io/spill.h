@@ -110,6 +110,7 @@ typedef struct mni_spill_reader {
  * whole all the same). */
 void mni_spill_reader_open(mni_spill_reader *r, mni_spill *spill, uint64_t from, uint64_t to,
                            void *buffer, size_t buffer_bytes, bool discard);
+/* What has not been taken goes to the front, and more behind it. false: there is nothing. */
 bool mni_spill_refill(mni_spill_reader *r);
 /* The next `count` bytes, which stay where they are until the next call; count, the same in each
  * call, divides buffer_bytes and to - from. NULL: that was all, or the spill has failed. */
@@ -119,6 +120,16 @@ static inline const void *mni_spill_take(mni_spill_reader *r, size_t count) {
     const void *at = r->buffer + r->taken_bytes;
     r->taken_bytes += count;
     return at;
+}
+/* Pieces of different lengths: where the next one begins, whole if it is at most `most` bytes, half
+ * a buffer at most; who has looked at it skips it. NULL as above. */
+static inline const unsigned char *mni_spill_peek(mni_spill_reader *r, size_t most) {
+    if (r->filled_bytes - r->taken_bytes < most && !mni_spill_refill(r))
+        return NULL;
+    return r->buffer + r->taken_bytes;
+}
+static inline void mni_spill_skip(mni_spill_reader *r, const unsigned char *to) {
+    r->taken_bytes = (size_t)(to - r->buffer);
 }
 
 #endif
