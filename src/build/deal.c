@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "assert.h"
+#include "exttriangles.h"
 
 enum { BUFFERS = 2 };
 
@@ -40,7 +41,8 @@ struct mni_deal {
     mni_sort *copies, *lacks, *ghosts;
     const copy *next_copy;
     const found *next_ghost;
-    mni_spill_reader vertices, triangles;
+    mni_spill_reader vertices;
+    mni_exttriangles triangles;
     const mni_exttriangle *next_triangle;
     uint64_t triangles_taken;
     unsigned char *buffer[BUFFERS];
@@ -72,10 +74,8 @@ static mn_code open_sort(const mni_deal *d, mni_sort **sort, size_t record, mni_
 }
 
 static void read_triangles(mni_deal *d) {
-    mni_spill *spill = &d->mesh->triangle;
-    size_t bytes = d->buffer_bytes / sizeof(mni_exttriangle) * sizeof(mni_exttriangle);
-    mni_spill_reader_open(&d->triangles, spill, 0, spill->size_bytes, d->buffer[0], bytes, false);
-    d->next_triangle = mni_spill_take(&d->triangles, sizeof(mni_exttriangle));
+    mni_exttriangles_open(&d->triangles, d->mesh, d->buffer[0], d->buffer_bytes);
+    d->next_triangle = mni_exttriangles_next(&d->triangles);
 }
 
 static void read_vertices(mni_deal *d) {
@@ -91,11 +91,6 @@ static mn_code spill_state(const mni_spill *spill, mn_status *st) {
 }
 
 /* ---- what crosses --------------------------------------------------------------------------- */
-
-static uint32_t least_corner(const uint32_t v[3]) {
-    uint32_t least = v[0] < v[1] ? v[0] : v[1];
-    return least < v[2] ? least : v[2];
-}
 
 /* Copies for the other cells; for each, the corners that it lacks. */
 static void look_at_triangle(mni_deal *d, const uint32_t v[3], uint32_t own) {
@@ -119,19 +114,16 @@ static void look_at_triangle(mni_deal *d, const uint32_t v[3], uint32_t own) {
 }
 
 static mn_code look_at_triangles(mni_deal *d, mn_status *st) {
-    uint32_t own = 0, start = 0, end = cell_start(d, 1);
+    uint32_t own = 0, end = cell_start(d, 1);
     for (read_triangles(d); d->next_triangle != NULL;
-         d->next_triangle = mni_spill_take(&d->triangles, sizeof(mni_exttriangle))) {
+         d->next_triangle = mni_exttriangles_next(&d->triangles)) {
         const uint32_t *v = d->next_triangle->corner;
-        uint32_t least = least_corner(v);
-        while (least >= end) {
+        while (v[0] >= end) {
             own++;
-            start = end;
             end = cell_start(d, own + 1);
         }
         d->of_cell[own].triangles++;
-        if (v[0] - start >= end - start || v[1] - start >= end - start ||
-            v[2] - start >= end - start)
+        if (v[1] >= end || v[2] >= end)
             look_at_triangle(d, v, own);
     }
     return spill_state(&d->mesh->triangle, st);
@@ -310,9 +302,8 @@ static mn_code deal_triangles(mni_deal *d, mni_hand *h, mn_status *st) {
             return no_memory(h, st);
     h->copies = h->triangles;
     h->number = (uint32_t)d->triangles_taken;
-    for (; d->next_triangle != NULL &&
-           least_corner(d->next_triangle->corner) < h->first + h->vertices;
-         d->next_triangle = mni_spill_take(&d->triangles, sizeof(mni_exttriangle))) {
+    for (; d->next_triangle != NULL && d->next_triangle->corner[0] < h->first + h->vertices;
+         d->next_triangle = mni_exttriangles_next(&d->triangles)) {
         if (!add_triangle(h, d->next_triangle->corner))
             return no_memory(h, st);
         d->triangles_taken++;

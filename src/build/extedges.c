@@ -203,13 +203,12 @@ static void move_to(mni_extintake *x, uint64_t vertex) {
     }
 }
 
-void mni_ext_edges_add(mni_extintake *x, const mni_exttriangle *t) {
+void mni_ext_edges_add(mni_extintake *x, const mni_exttriangle *t, uint32_t number) {
     waiting w[3];
-    uint32_t smallest = UINT32_MAX;
+    const uint32_t smallest = t->corner[0];
     for (int i = 0; i < 3; i++) {
         uint32_t a = t->corner[i], b = t->corner[(i + 1) % 3];
-        w[i] = (waiting){a < b ? a : b, (a < b ? b : a) << 1 | (a > b), t->number};
-        smallest = a < smallest ? a : smallest;
+        w[i] = (waiting){a < b ? a : b, (a < b ? b : a) << 1 | (a > b), number};
     }
     if (smallest != x->edges->vertex)
         move_to(x, smallest);

@@ -3,7 +3,7 @@
  * the vertices' curve already. How its corners stood is kept in the same 16 bytes:
  *
  *   high: smallest place, middle one
- *   low:  largest << 33 | (3 × number + where the smallest was) << 1 | largest right after smallest
+ *   low:  largest << 33 | number << 1 | largest right after smallest
  *
  * Which places are used is a bit each; with how many are before each eighth word of bits, that
  * renumbers them.
@@ -18,6 +18,7 @@
 #include <xxhash.h>
 
 #include "assert.h"
+#include "exttriangles.h"
 #include "reader.h"
 
 enum { USED_SHARE = 8 };
@@ -51,17 +52,14 @@ static packed pack(const uint32_t place[3], uint32_t number) {
     bool turned = next > last;
     uint32_t middle = turned ? last : next, largest = turned ? next : last;
     return (packed){(uint64_t)place[first] << 32 | middle,
-                    (uint64_t)largest << 33 | (3 * (uint64_t)number + first) << 1 | turned};
+                    (uint64_t)largest << 33 | (uint64_t)number << 1 | turned};
 }
 
-static void unpack(const packed *p, mni_exttriangle *t) {
+static mni_exttriangle unpack(const packed *p) {
     uint32_t smallest = (uint32_t)(p->high >> 32), middle = (uint32_t)p->high;
-    uint32_t largest = (uint32_t)(p->low >> 33), at = (uint32_t)(p->low >> 1);
+    uint32_t largest = (uint32_t)(p->low >> 33);
     bool turned = p->low & 1;
-    t->number = at / 3;
-    t->corner[at % 3] = smallest;
-    t->corner[(at + 1) % 3] = turned ? largest : middle;
-    t->corner[(at + 2) % 3] = turned ? middle : largest;
+    return (mni_exttriangle){{smallest, turned ? largest : middle, turned ? middle : largest}};
 }
 
 void mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number) {
@@ -110,6 +108,7 @@ static bool write_triangles(mni_extintake *x) {
     mni_spill_writer w;
     const packed *p;
     packed before = {0};
+    uint32_t last = 0;
     uint64_t done = x->triangles;
     mni_spill_writer_open(&w, &x->result.triangle, x->buffer[0], x->buffer_bytes);
     while ((p = mni_sort_next(x->triangle_sort, x->st)) != NULL &&
@@ -120,13 +119,12 @@ static bool write_triangles(mni_extintake *x) {
             x->counts.duplicate_faces++;
             continue;
         }
-        mni_exttriangle t;
+        mni_exttriangle t = unpack(p);
         before = *p;
-        unpack(p, &t);
         for (int i = 0; i < 3; i++)
             t.corner[i] = vertex_of(x, t.corner[i]);
-        mni_spill_put(&w, &t, sizeof t);
-        mni_ext_edges_add(x, &t);
+        mni_exttriangle_put(&w, &t, &last);
+        mni_ext_edges_add(x, &t, (uint32_t)(p->low >> 1));
         x->result.triangles++;
     }
     mni_spill_end(&w);
@@ -163,8 +161,7 @@ static bool next_used(mni_extintake *x, mni_spill_reader *r, uint64_t *place, mn
             memcpy(out, record, sizeof *out);
         } else {
             const mni_extvertex *v = record;
-            *out = (mni_ext_wide){
-                {v->position[0], v->position[1], v->position[2]}, v->rgba, v->number};
+            *out = (mni_ext_wide){{v->position[0], v->position[1], v->position[2]}, v->rgba, 0};
         }
         return true;
     }
@@ -212,7 +209,7 @@ static bool write_vertices(mni_extintake *x, bool exact) {
             float position[3];
             uint32_t zero;
         } key = {0};
-        mni_extvertex out = {.rgba = v.rgba, .number = v.number};
+        mni_extvertex out = {.rgba = v.rgba};
         for (int i = 0; i < 3; i++)
             out.position[i] = (float)(v.position[i] - x->result.origin[i]) + 0.0f;
         memcpy(key.position, out.position, sizeof key.position);

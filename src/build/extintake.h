@@ -99,7 +99,7 @@ typedef struct mni_ext_narrow {
 /* The same, or a place, where coordinates are not all floats. */
 typedef struct mni_ext_wide {
     double position[3];
-    uint32_t rgba, number;
+    uint32_t rgba, zero;
 } mni_ext_wide;
 
 static inline bool mni_ext_is_wide(const mni_extintake *x) {
@@ -144,7 +144,7 @@ bool mni_ext_faces_open(mni_extintake *x);
 void mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number);
 /* Edges of the triangles that are kept, in their order, and what is counted of them. */
 bool mni_ext_edges_open(mni_extintake *x);
-void mni_ext_edges_add(mni_extintake *x, const mni_exttriangle *t);
+void mni_ext_edges_add(mni_extintake *x, const mni_exttriangle *t, uint32_t number);
 bool mni_ext_edges_finish(mni_extintake *x);
 void mni_ext_edges_close(mni_extintake *x);
 /* Twins go, the rest is written; then the vertices that it uses. */

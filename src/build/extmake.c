@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "curve.h"
-#include "extmesh.h"
+#include "exttriangles.h"
 
 typedef struct place {
     uint64_t key;
@@ -44,8 +44,7 @@ static void write_vertices(const mn_mesh *m, place *order, uint32_t *vertex_of, 
         uint32_t v = order[id].vertex;
         const float *p = &m->position[3 * (size_t)v];
         mni_extvertex to = {.position = {p[0], p[1], p[2]},
-                            .rgba = m->color != NULL ? m->color[v] : UINT32_MAX,
-                            .number = v};
+                            .rgba = m->color != NULL ? m->color[v] : UINT32_MAX};
         mni_spill_put(w, &to, sizeof to);
         vertex_of[id] = v;
         id_of[v] = id;
@@ -64,11 +63,10 @@ static void write_triangles(const mn_mesh *m, uint64_t *order, const uint32_t *i
         order[t] = (uint64_t)least << 32 | t;
     }
     qsort(order, m->triangles, sizeof *order, by_value);
-    for (uint32_t i = 0; i < m->triangles; i++) {
-        uint32_t t = (uint32_t)order[i];
-        const uint32_t *c = &m->corner[3 * (size_t)t];
-        mni_exttriangle to = {{id_of[c[0]], id_of[c[1]], id_of[c[2]]}, t};
-        mni_spill_put(w, &to, sizeof to);
+    for (uint32_t i = 0, last = 0; i < m->triangles; i++) {
+        const uint32_t *c = &m->corner[3 * (size_t)(uint32_t)order[i]];
+        mni_exttriangle to = mni_exttriangle_turned(id_of[c[0]], id_of[c[1]], id_of[c[2]]);
+        mni_exttriangle_put(w, &to, &last);
     }
     mni_spill_end(w);
 }

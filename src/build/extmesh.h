@@ -4,8 +4,7 @@
  *
  * What is kept, rejected and counted is what mn_mesh_read keeps, rejects and counts; only the order
  * is another: vertices along a Z-order curve, triangles by their smallest vertex, so that
- * neighbours are near each other in the files. Numbers say where each stood in the input, for rules
- * that break ties by it. One thread; calls may block on the disk. */
+ * neighbours are near each other in the files. One thread; calls may block on the disk. */
 #ifndef MNI_EXTMESH_H
 #define MNI_EXTMESH_H
 
@@ -18,16 +17,15 @@
 typedef struct mni_extvertex {
     float position[3]; /* relative to the origin */
     uint32_t rgba;     /* MNI_WHITE where the input has no colours */
-    uint32_t number;   /* its first among the input's vertices (in a soup: corners) */
 } mni_extvertex;
 
 typedef struct mni_exttriangle {
-    uint32_t corner[3]; /* in the input's order */
-    uint32_t number;    /* rises with the input's */
+    uint32_t corner[3]; /* in the input's order, turned so that the smallest comes first */
 } mni_exttriangle;
 
 typedef struct mni_extmesh {
-    mni_spill vertex, triangle; /* all of their bytes are records */
+    mni_spill vertex;   /* all of its bytes are mni_extvertex */
+    mni_spill triangle; /* packed: exttriangles.h */
     uint64_t vertices, triangles;
     double origin[3];
     bool has_colors;

@@ -132,10 +132,10 @@ static bool sort_vertices(mni_extintake *x, mni_sort *sort) {
 
 static void write_place(mni_extintake *x, mni_spill_writer *w, const entry *e) {
     if (mni_ext_is_wide(x)) {
-        mni_ext_wide v = {{e->at.wide[0], e->at.wide[1], e->at.wide[2]}, e->rgba, e->number};
+        mni_ext_wide v = {{e->at.wide[0], e->at.wide[1], e->at.wide[2]}, e->rgba, 0};
         mni_spill_put(w, &v, sizeof v);
     } else {
-        mni_extvertex v = {{e->at.narrow[0], e->at.narrow[1], e->at.narrow[2]}, e->rgba, e->number};
+        mni_extvertex v = {{e->at.narrow[0], e->at.narrow[1], e->at.narrow[2]}, e->rgba};
         mni_spill_put(w, &v, sizeof v);
     }
 }

@@ -8,11 +8,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include "buckets.h"
 #include "pages.h"
+#include "disk_help.h"
 #include "suite.h"
 #include "tree_fixture.h"
 
@@ -100,13 +100,6 @@ START_TEST(all_records_are_there_again) {
     }
 }
 END_TEST
-
-static void limit_files(rlim_t bytes) {
-    struct rlimit limit;
-    getrlimit(RLIMIT_FSIZE, &limit);
-    limit.rlim_cur = bytes;
-    setrlimit(RLIMIT_FSIZE, &limit);
-}
 
 START_TEST(a_disk_that_fills_is_told) {
     uint64_t state = fixture_seed(5);

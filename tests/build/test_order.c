@@ -157,7 +157,7 @@ static void make_model(model *m, shape s, uint32_t leaves, uint32_t many, bool c
     mn_status st = {0};
     ck_assert(mni_spill_open(&m->external.vertex, ".", &st) == MN_OK);
     for (uint32_t v = 0; v < leaves; v++) {
-        mni_extvertex record = {.rgba = fixture_random(state), .number = v};
+        mni_extvertex record = {.rgba = fixture_random(state)};
         for (int i = 0; i < 3; i++)
             mesh->position[3 * (size_t)v + i] = record.position[i] =
                 v % 100 == 0 ? -0.0f : (float)(fixture_random(state) % 1000);

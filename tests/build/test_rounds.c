@@ -7,10 +7,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 
 #include "deal.h"
 #include "rounds.h"
+#include "disk_help.h"
 #include "suite.h"
 
 enum { CORNERS_MAX = 30000 };
@@ -98,14 +98,6 @@ static void drop(random_mesh *m) {
 
 /* ---- dealing -------------------------------------------------------------------------------- */
 
-static void *load(mni_spill *spill) {
-    unsigned char *all = malloc(spill->size_bytes + 1);
-    mni_spill_reader r;
-    mni_spill_reader_open(&r, spill, 0, spill->size_bytes, all, spill->size_bytes, false);
-    ck_assert(spill->size_bytes == 0 || mni_spill_take(&r, spill->size_bytes) != NULL);
-    return all;
-}
-
 /* Each triangle at one of the hand's vertices once, copies and the rest in the file's order; each
  * corner that is not the hand's own is one of its ghosts, and nothing else is. */
 static void check_hand(const random_mesh *m, const mni_hand *h, const mni_exttriangle *triangle,
@@ -153,8 +145,8 @@ START_TEST(cells_are_dealt_what_is_theirs) {
         uint32_t vertices = 50 + (uint32_t)(random_u64() % 4000), next = 0;
         make_soup(&m, vertices, vertices + (uint32_t)(random_u64() % CORNERS_MAX) / 3, 8);
         write_out(&m);
-        mni_extvertex *vertex = load(&m.external.vertex);
-        mni_exttriangle *triangle = load(&m.external.triangle);
+        mni_extvertex *vertex = load_spill(&m.external.vertex);
+        mni_exttriangle *triangle = load_triangles(&m.external);
         mni_deal_desc desc = {.cells = 1 + (uint32_t)(random_u64() % (round < 6 ? 6 : 50)),
                               .work_bytes = MNI_DEAL_WORK_MIN << random_u64() % 3,
                               .temp_dir = "/tmp"};
@@ -195,8 +187,8 @@ static void check_same(mni_history *a, mni_history *b) {
     ck_assert(a->root_value == b->root_value && a->root_levels == b->root_levels);
     ck_assert_uint_eq(a->collapse.size_bytes, b->collapse.size_bytes);
     ck_assert_uint_eq(a->killed.size_bytes, b->killed.size_bytes);
-    void *of_a[2] = {load(&a->collapse), load(&a->killed)};
-    void *of_b[2] = {load(&b->collapse), load(&b->killed)};
+    void *of_a[2] = {load_spill(&a->collapse), load_spill(&a->killed)};
+    void *of_b[2] = {load_spill(&b->collapse), load_spill(&b->killed)};
     ck_assert_mem_eq(of_a[0], of_b[0], a->collapse.size_bytes);
     ck_assert_mem_eq(of_a[1], of_b[1], a->killed.size_bytes);
     for (int i = 0; i < 2; i++) {
@@ -293,14 +285,6 @@ START_TEST(no_memory_to_deal_in_is_told) {
     drop(&m);
 }
 END_TEST
-
-/* Files may grow to so many bytes; past that the disk is full. */
-static void limit_files(rlim_t bytes) {
-    struct rlimit limit;
-    getrlimit(RLIMIT_FSIZE, &limit);
-    limit.rlim_cur = bytes;
-    setrlimit(RLIMIT_FSIZE, &limit);
-}
 
 START_TEST(a_disk_that_fills) {
     random_mesh m;
