@@ -1,7 +1,7 @@
 /* metanode replay: navigates along a path without a window, and says how it went. See --help.
  *
  * Hides the loop over frames and what is measured when. Memory: what it needs besides the session
- * (figures, trace, a path file's cameras) is taken before the session is opened, and told to its
+ * (figures, a path file's cameras) is taken before the session is opened, and told to its
  * plan. Main thread only; GL is loaded for --images alone. */
 #include <errno.h>
 #include <math.h>
@@ -15,7 +15,6 @@
 #include "picture.h"
 #include "replay_figures.h"
 #include "session_options.h"
-#include "trace.h"
 
 enum {
     CSV = SESSION_OPTION_END,
@@ -44,7 +43,6 @@ typedef struct replay {
     mn_path *path;
     mn_session *session;
     FILE *csv;
-    trace *trace;
     picture picture;
     replay_figures figures;
     char csv_buffer[STDIO_BYTES];
@@ -60,7 +58,7 @@ static void help(void) {
         "  --paced           frames in real time even where no disk needs it, and nothing counted\n"
         "                    between them that takes long: to compare times\n"
         "  --csv F           a row a frame\n"
-        "  --trace F         what happens to place holders, event by event\n"
+        "  --trace F         everything that happens, for metanode trace\n"
         "  --images DIR      a picture a frame, DIR/frame-000000.png …\n"
         "  --images-every N  of every Nth frame only, from the first (1)\n"
         "  --write-path F    only writes the path to F, a path file, and navigates nothing\n"
@@ -184,14 +182,8 @@ static mn_code open_all(replay *r, mn_status *st) {
         return code;
     o->desc.base_bytes = sizeof *r + mn_path_bytes(r->path);
     o->desc.wide_front_over_wanted = !r->paced;
-    if (r->trace_name != NULL) {
-        code = trace_open(r->trace_name, &r->trace, st);
-        o->desc.base_bytes += trace_bytes();
-        o->desc.trace = trace_hook;
-        o->desc.trace_context = r->trace;
-    }
-    if (code == MN_OK)
-        code = mn_session_open(&o->desc, &r->session, st);
+    o->desc.trace_path = r->trace_name;
+    code = mn_session_open(&o->desc, &r->session, st);
     if (code == MN_OK && r->csv_name != NULL)
         code = csv_open(r, st);
     if (code == MN_OK && r->images_dir != NULL)
@@ -201,8 +193,7 @@ static mn_code open_all(replay *r, mn_status *st) {
 
 static mn_code close_all(replay *r, mn_status *st) {
     picture_close(&r->picture);
-    mn_session_close(r->session);
-    mn_code code = trace_close(r->trace, st);
+    mn_code code = mn_session_end(r->session, st);
     if (r->csv != NULL) {
         mn_code written = cli_written_all(r->csv, "--csv", r->csv_name, st);
         code = code != MN_OK ? code : written;
@@ -256,26 +247,27 @@ static void pace(const replay *r, struct timespec *due) {
 
 /* For a path that is a part of a navigation, not its start (--open settled): what the first picture
  * needs is there before the first frame, and is told apart. */
-static mn_code opening(replay *r, mn_status *st) {
+static void opening(replay *r) {
     replay_figures *f = &r->figures;
     mn_session_stats before, after;
     mn_frame_stats stats = {.changed = true};
     mn_camera camera;
-    mn_code code = MN_OK;
     double from = cli_seconds(CLOCK_MONOTONIC);
     mn_path_camera(r->path, 0, r->options.frames, &camera);
     mn_session_stats_get(r->session, &before);
-    while (stats.changed && f->opening_frames < OPENING_FRAMES_MAX && code == MN_OK) {
+    while (stats.changed && f->opening_frames < OPENING_FRAMES_MAX) {
         (void)mn_session_opening(r->session, &camera, &stats);
         f->opening_frames++;
         f->opening_misses += stats.misses;
-        if (r->trace != NULL)
-            code = trace_flush(r->trace, 0, st);
     }
     mn_session_stats_get(r->session, &after);
     f->opening_reads = after.reads - before.reads;
     f->opening_seconds = cli_seconds(CLOCK_MONOTONIC) - from;
-    return code;
+}
+
+/* A trace that cannot be written ends the run; mn_session_end says why. */
+static bool goes_on(const replay *r, mn_code code) {
+    return code == MN_OK && !mn_session_trace_has_failed(r->session);
 }
 
 static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
@@ -285,7 +277,7 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
     cli_meter meter = {0};
     struct timespec due;
     clock_gettime(CLOCK_MONOTONIC, &due);
-    for (uint32_t frame = 0; frame < frames && code == MN_OK; frame++) {
+    for (uint32_t frame = 0; frame < frames && goes_on(r, code); frame++) {
         mn_frame_stats stats;
         mn_path_camera(r->path, frame, frames, camera);
         mn_session_frame(r->session, camera, &stats);
@@ -299,8 +291,6 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
             figures_csv_row(r->csv, &stats, drawn ? &sent : NULL);
             code = cli_written(r->csv, "--csv", r->csv_name, st);
         }
-        if (r->trace != NULL && code == MN_OK)
-            code = trace_flush(r->trace, frame, st);
         if (frame % sample == 0)
             foldovers(r);
         (void)cli_progress(&meter, "frames", frame + 1, frames);
@@ -358,12 +348,12 @@ static mn_code navigate(replay *r, mn_status *st) {
     if (code == MN_OK && !r->options.json)
         say_plan(r);
     if (code == MN_OK && r->from_settled)
-        code = opening(r, st);
+        opening(r);
     if (code == MN_OK)
         code = run_frames(r, &camera, st);
-    if (code == MN_OK && r->settle)
+    if (r->settle && goes_on(r, code))
         settle(r, &camera);
-    if (code == MN_OK)
+    if (goes_on(r, code))
         finish(r);
     return code;
 }

@@ -79,11 +79,6 @@ typedef struct mn_sim_desc {
     uint32_t fault_frames; /* faults stop after so many frames; 0: never */
 } mn_sim_desc;
 
-/* Everything that happens to a place holder, for a trace; called under the pool lock: no locks, no
- * allocation, no blocking in it. Set once at open. */
-typedef void (*mn_trace_hook)(void *context, uint32_t event, uint32_t block_id, uint32_t slot,
-                              uint32_t generation, uint32_t value);
-
 typedef struct mn_session_desc {
     const char *path;    /* the caller's, until close */
     uint64_t ram_bytes;  /* cap of the whole process; 0: none (K and front from defaults) */
@@ -110,8 +105,8 @@ typedef struct mn_session_desc {
     bool wide_front_over_wanted;  /* resident: compute front_over_wanted each frame (slow) */
     bool closed; /* the caller knows that the input is closed and consistently oriented: checks
                     assert that each edge of each front is used equally often both ways */
-    mn_trace_hook trace;
-    void *trace_context;
+    const char *trace_path; /* a file for what happens (metanode/trace.h); NULL: none. The plan
+                               counts its memory */
     /* One line; NULL: silence. On the caller's thread: at open, and once for each bad block. */
     void (*warn)(void *context, const char *text);
     void *warn_context;
@@ -207,7 +202,11 @@ void mn_session_check(mn_session *session);
  * in *legal (may be NULL) those of them whose nodes all have order ids up to legal_last. Reads the
  * input's positions through the blocks: `resident` only; slow. */
 uint64_t mn_session_foldovers(mn_session *session, uint64_t *legal);
+/* Has the trace had trouble, so that no more of it is written? mn_session_end says which. */
+bool mn_session_trace_has_failed(const mn_session *session);
+/* Both take NULL. end: could the trace be written whole? MN_NO_SPACE, MN_FAILED. */
 void mn_session_close(mn_session *session);
+mn_code mn_session_end(mn_session *session, mn_status *st);
 
 /* The mesh of the current frame, as the renderer wants it. Pointers live until the next frame.
  * Slots are stable: of a node while it is active, of a simplex too; those that are not active hold

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "assert.h"
+#include "trace.h"
 
 size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max, uint32_t look_bytes) {
     return mni_arena_need(urgent_max, sizeof(mni_command), _Alignof(mni_command)) +
@@ -24,6 +25,7 @@ void mni_board_open(mni_board *board, uint32_t urgent_max, uint32_t prefetch_max
     ring_open(&board->urgent, urgent_max, arena);
     ring_open(&board->prefetch, prefetch_max, arena);
     mni_lock_open(&board->lock);
+    board->lock.name = MN_TRACE_LOCK_BOARD;
     MN_ASSERT(pthread_cond_init(&board->work, NULL) == 0);
     MN_ASSERT(pthread_cond_init(&board->quiet, NULL) == 0);
 }
@@ -66,6 +68,13 @@ static bool is_nearer(const mni_command *a, const mni_command *b) {
     return a->due != b->due ? a->due < b->due : a->ref.id < b->ref.id;
 }
 
+_Static_assert((int)MNI_COMMANDS == (int)MN_TRACE_COMMANDS && (int)MNI_ENDS == (int)MN_TRACE_ENDS,
+               "a trace says the same");
+
+void mni_command_trace_end(const mni_command *command, mni_end end) {
+    MNI_TRACE(MN_TRACE_ENDED, (uint32_t)command->kind | (uint32_t)end << 2, command->ref.id, 0);
+}
+
 /* By due, then by place in the file. Shell's sort: there are hundreds at most, and the C library's
  * may allocate. */
 static void sort_nearest_first(mni_command *command, uint32_t count) {
@@ -88,6 +97,7 @@ static void take_back(mni_board *board, mni_batch *batch) {
         board->open--;
         if (old.frame < batch->cancel_before) {
             board->counts.ended[old.kind][MNI_END_GIVEN_UP]++;
+            mni_command_trace_end(&old, MNI_END_GIVEN_UP);
             continue;
         }
         board->counts.posted[old.kind]--; /* as it will be again */
@@ -100,6 +110,9 @@ uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
     mni_lock_take(&board->lock);
     while (urgent < batch->count && batch->command[urgent].kind != MNI_COMMAND_PREFETCH)
         urgent++;
+    for (uint32_t i = urgent; i < batch->count; i++)
+        MNI_TRACE(MN_TRACE_POST, MN_TRACE_PREFETCH, batch->command[i].ref.id,
+                  batch->command[i].due);
     if (batch->sorts) {
         take_back(board, batch);
         sort_nearest_first(batch->command + urgent, batch->count - urgent);
@@ -112,11 +125,16 @@ uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
         board->open += room;
         if (room || prefetch)
             board->counts.posted[command->kind]++;
-        if (!room && prefetch)
+        if (room && !prefetch)
+            MNI_TRACE(MN_TRACE_POST, command->kind, command->ref.id, command->due);
+        if (!room && prefetch) {
             board->counts.ended[command->kind][MNI_END_GIVEN_UP]++;
+            mni_command_trace_end(command, MNI_END_GIVEN_UP);
+        }
         if (!room && !prefetch)
             batch->command[rejected++] = *command;
     }
+    MNI_TRACE_COUNT(MN_TRACE_N_COMMANDS, board->open);
     if (batch->count > rejected)
         pthread_cond_signal(&board->work);
     mni_lock_give(&board->lock);

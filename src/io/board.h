@@ -66,6 +66,9 @@ typedef enum mni_end {
     MNI_ENDS
 } mni_end;
 
+/* For a trace. */
+void mni_command_trace_end(const mni_command *command, mni_end end);
+
 typedef struct mni_board_counts {
     uint64_t posted[MNI_COMMANDS];
     uint64_t ended[MNI_COMMANDS][MNI_ENDS];

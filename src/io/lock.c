@@ -9,11 +9,13 @@
 
 #include "assert.h"
 #include "clock.h"
+#include "trace.h"
 
 static _Thread_local mni_lock_waits waits;
 static _Thread_local bool times_holds;
 
 void mni_lock_open(mni_lock *lock) {
+    lock->name = 0;
     lock->since_ns = lock->held_ns_max = 0;
     /* Holds are shorter than it takes to fall asleep and be woken: so a wait spins first. */
     pthread_mutexattr_t attributes;
@@ -34,6 +36,7 @@ void mni_lock_take(mni_lock *lock) {
         uint64_t waited_ns = mni_clock_ns(CLOCK_MONOTONIC) - from_ns;
         waits.count++;
         waits.max_ns = waited_ns > waits.max_ns ? waited_ns : waits.max_ns;
+        MNI_TRACE(MN_TRACE_LOCK_WAIT, lock->name, (uint32_t)waited_ns, (uint32_t)(waited_ns >> 32));
     }
     lock->since_ns = times_holds ? mni_clock_ns(CLOCK_MONOTONIC) : 0;
 }

@@ -9,8 +9,11 @@
 #include <pthread.h>
 #include <stdint.h>
 
+#include "metanode/trace.h"
+
 typedef struct mni_lock {
     pthread_mutex_t mutex;
+    mn_trace_lock name; /* const; set by its owner after open */
     /* guarded by mutex */
     uint64_t since_ns;    /* taken by a thread that times its holds; 0: by another */
     uint64_t held_ns_max; /* by such threads */

@@ -18,6 +18,7 @@
 
 #include "assert.h"
 #include "method.h"
+#include "trace.h"
 
 enum { DELAY_US_DEFAULT = 200, HELD_BACK_TIMES = 8, PER_MILLE = 1000 };
 
@@ -157,6 +158,7 @@ static bool advance(void *self, uint64_t until_ns) {
     uint64_t to_ns = due ? next->due_ns : until_ns;
     if (to_ns > disk->now_ns && to_ns != UINT64_MAX)
         disk->now_ns = to_ns;
+    mni_trace_clock(disk->now_ns);
     return due;
 }
 

@@ -2,6 +2,7 @@
 #include "grants.h"
 
 #include "assert.h"
+#include "trace.h"
 
 size_t mni_grants_need(uint32_t max) {
     return mni_arena_need(max, sizeof(mni_grant), _Alignof(mni_grant)) + mni_hashmap_need(max);
@@ -44,6 +45,7 @@ uint32_t mni_grants_add(mni_grants *grants, mn_block_ref ref, uint32_t parent_id
                          .outside = outside};
     mni_hashmap_put(&grants->by_id, ref.id, index);
     count_idle(grants, grant, 1);
+    MNI_TRACE(MN_TRACE_GRANT, 0, ref.id, 0);
     return index;
 }
 
@@ -57,6 +59,7 @@ void mni_grants_set(mni_grants *grants, uint32_t index, bool used, bool outside)
 
 void mni_grants_remove(mni_grants *grants, uint32_t index) {
     mni_grant *grant = &grants->grant[index];
+    MNI_TRACE(MN_TRACE_GRANT_OVER, grant->used, grant->ref.id, 0);
     mni_hashmap_remove(&grants->by_id, grant->ref.id);
     count_idle(grants, grant, UINT32_MAX);
     grant->ref = (mn_block_ref){.pages = grants->first_free};

@@ -2,6 +2,7 @@
 #include "holder.h"
 
 #include "assert.h"
+#include "trace.h"
 
 /* Chunks are registered with the kernel and given back apart: small enough that a cap can shrink
  * by steps, large enough that there are few. */
@@ -34,6 +35,10 @@ uint32_t mni_holders_chunk(const mni_holders *holders, uint32_t slot) {
     return slot / holders->chunk_holders;
 }
 
+_Static_assert((int)MNI_HOLDER_FREED == (int)MN_TRACE_FREED &&
+                   (int)MNI_HOLDER_STATES == (int)MN_TRACE_PLACES,
+               "a trace says the same");
+
 static bool edge_is_legal(mni_holder_state from, mni_holder_state to) {
     static const unsigned legal[MNI_HOLDER_STATES] = {
         [MNI_HOLDER_EMPTY] = 1u << MNI_HOLDER_LOADING | 1u << MNI_HOLDER_RETIRED,
@@ -57,9 +62,7 @@ void mni_holders_set(mni_holders *holders, uint32_t slot, mni_holder_state state
     holder->state = state;
     holders->count[old]--;
     holders->count[state]++;
-    if (holders->trace != NULL)
-        holders->trace(holders->trace_context, state, holder->ref.id, slot, holder->generation,
-                       old);
+    MNI_TRACE(MN_TRACE_HOLDER, (uint32_t)old | (uint32_t)state << 3, holder->ref.id, slot);
 }
 
 bool mni_holder_is_loose(const mni_holder *holder) {

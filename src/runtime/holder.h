@@ -1,7 +1,7 @@
 /* Place holders: K slots of memory, each as large as the longest block (paper §3.3.3).
  *
  * Secret: where a slot's bytes are, and which changes of state are legal. Every change goes through
- * mni_holders_set, which asserts the edge, keeps the counts and calls the trace hook.
+ * mni_holders_set, which asserts the edge, keeps the counts and tells the trace.
  *
  *                     take                     loaded, wanted
  *        ┌─► EMPTY ──────────► LOADING ─────────────────────────► LOADED ◄─┐
@@ -73,8 +73,6 @@ typedef struct mni_holders {
     uint32_t holder_bytes;
     uint32_t count[MNI_HOLDER_STATES];
     uint32_t stamp;
-    mn_trace_hook trace; /* event: the new state; value: the old one */
-    void *trace_context;
 } mni_holders;
 
 size_t mni_holders_need(uint32_t k, uint32_t holder_bytes);

@@ -11,6 +11,7 @@
 #include "assert.h"
 #include "clock.h"
 #include "frame.h"
+#include "trace.h"
 
 enum {
     SEEN_TIMES = 8,
@@ -64,6 +65,7 @@ static void request_free(mni_ioloop *loop, mni_request *request) {
 static void fail(mni_ioloop *loop, mni_request *request, bool io, const char *why) {
     mni_pool_failed(loop->pool, &request->command, &request->load, io, why);
     loop->news.ended[request->command.kind][MNI_END_FAILED]++;
+    mni_command_trace_end(&request->command, MNI_END_FAILED);
     request_free(loop, request);
 }
 
@@ -102,6 +104,7 @@ static void scout_send(mni_ioloop *loop, const mni_load *load, uint32_t i, mni_c
     if ((uint64_t)command.ref.pages * MN_PAGE_BYTES > loop->header->block_bytes_max)
         return; /* a lying file */
     loop->news.own++;
+    MNI_TRACE(MN_TRACE_POST, MN_TRACE_PREFETCH, command.ref.id, 0);
     if (!mni_scouts_push(&loop->scouts, &command, urgency))
         loop->news.ended[MNI_COMMAND_PREFETCH][MNI_END_GIVEN_UP]++;
 }
@@ -143,6 +146,7 @@ static void complete(mni_ioloop *loop, mni_request *request) {
     scout_from(loop, &request->load, &request->command);
     mni_pool_loaded(loop->pool, &request->command, &request->load);
     loop->news.ended[request->command.kind][MNI_END_LOADED]++;
+    mni_command_trace_end(&request->command, MNI_END_LOADED);
     request_free(loop, request);
 }
 
@@ -153,6 +157,8 @@ static void act(mni_ioloop *loop, const mni_done *done) {
     MN_ASSERT(request->state == MNI_REQUEST_IN_FLIGHT);
     uint32_t length_bytes = request->load.ref.pages * MN_PAGE_BYTES;
     request->state = MNI_REQUEST_AGAIN;
+    MNI_TRACE(MN_TRACE_ARRIVED, done->result < 0, request->load.ref.id,
+              (uint32_t)(done->result < 0 ? -done->result : done->result));
     if (done->result < 0) {
         int error = -done->result;
         bool passing = error == EAGAIN || error == EINTR || error == EBUSY || error == ENOMEM;
@@ -190,6 +196,7 @@ static bool submit(mni_ioloop *loop, uint32_t tag) {
                      .tag = tag};
     if (!loop->disk->method->submit(loop->disk->self, &read))
         return false;
+    MNI_TRACE(MN_TRACE_SUBMIT, 0, request->load.ref.id, read.length_bytes);
     request->state = MNI_REQUEST_IN_FLIGHT;
     return true;
 }
@@ -249,9 +256,11 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
     }
     case MNI_BEGIN_RESIDENT:
         loop->news.ended[command->kind][MNI_END_RESIDENT]++;
+        mni_command_trace_end(command, MNI_END_RESIDENT);
         return true;
     case MNI_BEGIN_GIVE_UP:
         loop->news.ended[command->kind][MNI_END_GIVEN_UP]++;
+        mni_command_trace_end(command, MNI_END_GIVEN_UP);
         return true;
     case MNI_BEGIN_WAIT:
         break;
@@ -271,7 +280,7 @@ static void begin_all(mni_ioloop *loop) {
             break;
 }
 
-bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
+static bool step(mni_ioloop *loop, bool wait) {
     begin_all(loop);
     uint32_t in_flight = submit_all(loop);
     if (wait && loop->busy > 0 && in_flight == 0) {
@@ -294,6 +303,13 @@ bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
     }
     mni_board_tell(loop->board, &loop->news);
     return loop->busy > 0 || loop->next < loop->fetched_count || loop->scouts.count > 0;
+}
+
+bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
+    mni_trace_ring *before = mni_trace_swap(loop->trace);
+    const bool goes_on = step(loop, wait);
+    (void)mni_trace_swap(before);
+    return goes_on;
 }
 
 /* ---- the thread ------------------------------------------------------------------------------ */
@@ -332,8 +348,12 @@ void mni_ioloop_stop(mni_ioloop *loop) {
     loop->has_thread = false;
     /* What nobody has begun is given up; a simulated disk still has reads in flight. */
     loop->rate = NULL;
-    while (next_command(loop, UINT32_MAX, &command))
+    mni_trace_ring *before = mni_trace_swap(loop->trace);
+    while (next_command(loop, UINT32_MAX, &command)) {
         loop->news.ended[command.kind][MNI_END_GIVEN_UP]++;
+        mni_command_trace_end(&command, MNI_END_GIVEN_UP);
+    }
+    (void)mni_trace_swap(before);
     mni_board_tell(loop->board, &loop->news);
     while (mni_ioloop_step(loop, false))
         if (loop->disk->method->own_time)

@@ -14,6 +14,7 @@
 #include "pool.h"
 #include "scout.h"
 #include "seen.h"
+#include "trace.h"
 
 typedef enum mni_request_state {
     MNI_REQUEST_FREE = 0,  /* then IN_FLIGHT */
@@ -39,7 +40,8 @@ typedef struct mni_ioloop {
     const void *check_context;
     mni_store_rate rate; /* NULL: no scouts */
     const void *rate_context;
-    bool serial; /* one command at a time, in order */
+    mni_trace_ring *trace; /* NULL: none */
+    bool serial;           /* one command at a time, in order */
     bool has_thread;
     pthread_t thread;
     /* I/O only */

@@ -167,10 +167,14 @@ static void collapse(mni_navigator *nav, uint32_t fork) {
     nav->work.misses += outcome == MNI_MISS;
     nav->work.refused_pool += outcome == MNI_REFUSED_POOL;
     nav->work.refused_collapse |= outcome != MNI_DONE;
+    if (outcome == MNI_MISS)
+        MNI_TRACE_MISS(1, false);
     if (outcome != MNI_DONE) {
         nav->fork_due[fork] = LOOK;
         return;
     }
+    MNI_TRACE_OFTEN(MN_TRACE_COLLAPSE,
+                    mni_store_block_id(front->store, mni_front_entry(front, parent, left)));
     nav->slot_due[left] = LOOK;
     wake(nav, left);
     wake(nav, right);
@@ -403,6 +407,7 @@ static void refuse(mni_navigator *nav, uint32_t key, mni_outcome outcome) {
     case MNI_MISS:
     case MNI_BAD:
         nav->work.misses++;
+        MNI_TRACE_MISS(0, outcome == MNI_BAD);
         break;
     case MNI_REFUSED_POOL:
         nav->work.refused_pool++;
@@ -483,6 +488,7 @@ static bool keep_split(mni_navigator *nav, uint32_t branch) {
     const mni_front *front = &nav->front;
     const mni_front_branch *b = &front->branch[branch];
     float due = nav->slot_due[b->slot];
+    MNI_TRACE_OFTEN(MN_TRACE_SPLIT, mni_store_block_id(front->store, b->home));
     mni_front_release(&nav->front, branch);
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, b->slot); fork != MN_NONE;
          fork = nav->waiting.next[fork])
@@ -646,10 +652,14 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->work = (mni_work){0};
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */
+    MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_COLLAPSES, 0, 0);
     collapse_pass(nav);
+    MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_SPLITS, 0, 0);
     split_pass(nav);
     if (nav->looks_ahead) {
+        MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
         mni_ahead_scan(&nav->ahead, &nav->front);
+        MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_REHEARSALS, 0, 0);
         rehearse(nav);
     }
     nav->moved = moved;

@@ -3,6 +3,7 @@
 
 #include "assert.h"
 #include "frame.h"
+#include "trace.h"
 
 enum { PREFETCHES_MIN = 256, PREFETCHES_MAX = 4096, KEPT_SHARE = 32, KEPT_MOST = 64 };
 
@@ -32,8 +33,6 @@ void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board,
                        .kept = 2 + (k / KEPT_SHARE < KEPT_MOST ? k / KEPT_SHARE : KEPT_MOST),
                        .batch_max = batch_max(k)};
     mni_holders_open(&pool->holders, k, desc->header->block_bytes_max, arena);
-    pool->holders.trace = desc->trace;
-    pool->holders.trace_context = desc->trace_context;
     mni_hashmap_open(&pool->by_id, k, arena);
     mni_freelist_open(&pool->free, &pool->holders);
     mni_grants_open(&pool->grants, k, arena);
@@ -45,6 +44,7 @@ void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board,
     pool->ahead = mni_arena_take(arena, MNI_AHEAD_MAX, sizeof(mni_command), _Alignof(mni_command));
     mni_hashmap_open(&pool->ahead_by_id, MNI_AHEAD_MAX, arena);
     mni_lock_open(&pool->lock);
+    pool->lock.name = MN_TRACE_LOCK_POOL;
 }
 
 void mni_pool_close(mni_pool *pool) {
@@ -97,8 +97,11 @@ void mni_pool_forget_locked(mni_pool *pool, uint32_t slot) {
     MN_ASSERT(pool->locked);
     mni_holder *holder = &pool->holders.holder[slot];
     MN_ASSERT(!holder->held && !holder->in_use && !holder->pinned && !holder->touched);
-    if (holder->ref.id != 0)
+    if (holder->ref.id != 0) {
         mni_hashmap_remove(&pool->by_id, holder->ref.id);
+        MNI_TRACE(MN_TRACE_LOST, (uint32_t)holder->state | (uint32_t)holder->prefetched << 3,
+                  holder->ref.id, slot);
+    }
     holder->ref = (mn_block_ref){0};
     holder->parent_in_use = false;
     holder->children_in_use = 0;

@@ -9,7 +9,7 @@
  * once. During the frame `held` protects whatever was in use at any moment of it.
  *
  * Threads: every function takes pool.lock itself, but those named _locked. None waits for a disk,
- * and under the lock there is no I/O, no allocation and no callback but the trace hook. Memory:
+ * and under the lock there is no I/O, no allocation and no callback. Memory:
  * from the arena, by K. */
 #ifndef MNI_POOL_H
 #define MNI_POOL_H

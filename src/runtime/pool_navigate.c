@@ -20,6 +20,7 @@
 #include "assert.h"
 #include "frame.h"
 #include "pool.h"
+#include "trace.h"
 
 enum { URGENT_DOWN_SPARE = 3 }; /* paper §3.3.2: a split adds at most two, one stays */
 
@@ -116,6 +117,7 @@ static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, u
     }
     if (lacks > 0) {
         pool->stats.urgent_down_refused++;
+        MNI_TRACE(MN_TRACE_REFUSED, 1, wish->ref.id, 0);
         return answer_refused(pool, wish, lacks);
     }
     if (own == MNI_HASHMAP_NONE) {
@@ -146,6 +148,8 @@ static void touch(mni_pool *pool, uint32_t slot) {
 
 static void use_prefetched(mni_pool *pool, mni_holder *holder) {
     pool->stats.prefetches_used += holder->prefetched;
+    if (holder->prefetched)
+        MNI_TRACE(MN_TRACE_PREFETCH_USED, 0, holder->ref.id, 0);
     holder->prefetched = false;
 }
 
@@ -163,8 +167,10 @@ static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void 
     bool loads = false;
     int64_t lacks = down ? down_lacks(pool, wish, own, &loads) : 0;
     if (lacks > 0) {
-        if (!loads)
+        if (!loads) {
+            MNI_TRACE(MN_TRACE_REFUSED, 0, wish->ref.id, 0);
             return answer_refused(pool, wish, lacks);
+        }
         if (own != MNI_HASHMAP_NONE && pool->rehearsed == 0) {
             pool->grants.grant[own].asked_frame = pool->frame;
             pool->grants.grant[own].waiting = false;
@@ -247,8 +253,10 @@ static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const vo
     mni_holder *holder = &pool->holders.holder[slot];
     if (holder->kind != MNI_FRAME_OVERFLOW || holder->ref.pages != wish->ref.pages)
         return answer_absent(pool);
-    if (lacks > 0)
+    if (lacks > 0) {
+        MNI_TRACE(MN_TRACE_REFUSED, 0, wish->ref.id, 0);
         return answer_refused(pool, wish, lacks);
+    }
     if (own == MNI_HASHMAP_NONE)
         own = mni_grants_add(&pool->grants, wish->ref, MN_NONE, MNI_WAY_OVERFLOW, true);
     if (own == MNI_HASHMAP_NONE)
@@ -523,6 +531,13 @@ static void post_batch(mni_pool *pool) {
     mni_pool_unlock(pool);
 }
 
+static void trace_levels(const mni_pool *pool) {
+    MNI_TRACE_COUNT(MN_TRACE_N_FREE, pool->free.count);
+    MNI_TRACE_COUNT(MN_TRACE_N_EMPTY, pool->holders.count[MNI_HOLDER_EMPTY]);
+    MNI_TRACE_COUNT(MN_TRACE_N_LOADING, pool->holders.count[MNI_HOLDER_LOADING]);
+    MNI_TRACE_COUNT(MN_TRACE_N_LOADED, pool->holders.count[MNI_HOLDER_LOADED]);
+}
+
 void mni_pool_end_frame(mni_pool *pool) {
     pool->attempt.over = true;
     mni_pool_lock(pool);
@@ -530,6 +545,7 @@ void mni_pool_end_frame(mni_pool *pool) {
                             unpinned may be freed once */
     settle_touched(pool);
     settle_ahead(pool);
+    trace_levels(pool);
     mni_pool_unlock(pool);
     post_batch(pool);
 }

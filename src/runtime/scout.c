@@ -47,7 +47,10 @@ bool mni_scouts_push(mni_scouts *scouts, const mni_command *command, float urgen
     mni_scout scout = {.command = *command, .urgency = urgency};
     bool room = scouts->count < MNI_SCOUTS_MAX;
     uint32_t at = room ? scouts->count++ : find_last(scouts);
-    if (room || before(&scout, &scouts->scout[at]))
+    const bool stays = room || before(&scout, &scouts->scout[at]);
+    if (!room)
+        mni_command_trace_end(stays ? &scouts->scout[at].command : command, MNI_END_GIVEN_UP);
+    if (stays)
         sift_up(scouts->scout, at, scout);
     return room;
 }

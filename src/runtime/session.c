@@ -19,6 +19,7 @@
 #include "metanode/runtime.h"
 #include "navigate.h"
 #include "ram_plan.h"
+#include "trace.h"
 
 enum {
     WIDTH_PX = 1280,
@@ -42,6 +43,7 @@ struct mn_session {
     uint32_t entries_max;
 
     /* Navigate only */
+    mni_trace *trace; /* NULL: none */
     mni_navigator nav;
     float tolerance_px;
     uint32_t frame;
@@ -63,6 +65,45 @@ static double cpu_ms(void) {
 
 /* ---- open ------------------------------------------------------------------------------------ */
 
+static mni_trace_ring *ring_of(const mn_session *s, mn_trace_thread thread) {
+    return s->trace != NULL ? mni_trace_ring_of(s->trace, thread) : NULL;
+}
+
+/* What a trace says of the session that it is of. */
+static mn_code trace_open(mn_session *s, mn_status *st) {
+    const mn_session_desc *d = &s->desc;
+    const mn_header *h = &s->header;
+    const bool simulated = d->store == MN_STORE_PAGED && d->io == MN_IO_SIM;
+    const char *slash = strrchr(d->path, '/');
+    mn_trace_info info = {.clock = simulated ? MN_TRACE_VIRTUAL : MN_TRACE_MONOTONIC,
+                          .build_id = h->build_id,
+                          .model_bytes = h->file_bytes,
+                          .triangles = h->triangles,
+                          .leaves = h->leaves,
+                          .blocks = h->blocks,
+                          .block_bytes_max = h->block_bytes_max,
+                          .block_depth = h->block_depth,
+                          .l = h->l,
+                          .k = s->plan.k,
+                          .k_min = s->plan.k_min,
+                          .front_max = s->plan.front_max,
+                          .store = d->store,
+                          .io = d->io,
+                          .prefetch = d->prefetch,
+                          .io_serial = d->io_serial,
+                          .barrier = d->barrier,
+                          .degrade_off = d->degrade_off,
+                          .seed = d->seed,
+                          .ram_cap_bytes = d->ram_bytes,
+                          .nav_ops = d->nav_ops,
+                          .tolerance_px = s->tolerance_px,
+                          .fps = d->fps,
+                          .width_px = d->width_px,
+                          .height_px = d->height_px};
+    snprintf(info.model, sizeof info.model, "%.127s", slash != NULL ? slash + 1 : d->path);
+    return d->trace_path == NULL ? MN_OK : mni_trace_open(d->trace_path, &info, &s->trace, st);
+}
+
 static mn_code store_open(mn_session *s, mn_status *st) {
     const mn_session_desc *d = &s->desc;
     mni_store_desc store = {.path = d->path,
@@ -78,8 +119,7 @@ static mn_code store_open(mn_session *s, mn_status *st) {
                             .prefetch = d->prefetch,
                             .rate = mni_rate_block,
                             .look_bytes = sizeof(mni_look),
-                            .trace = d->trace,
-                            .trace_context = d->trace_context,
+                            .trace_io = ring_of(s, MN_TRACE_IO),
                             .warn = d->warn,
                             .warn_context = d->warn_context};
     return mni_store_open(&store, &s->arena, &s->store, st);
@@ -104,7 +144,9 @@ static mn_code parts_open(mn_session *s, mn_status *st) {
     (void)madvise(s->arena.base, s->arena.size_bytes, capped ? MADV_NOHUGEPAGE : MADV_HUGEPAGE);
     s->entries_max = mni_store_entries_max(&s->header, s->desc.store, s->plan.k);
     s->usage = mni_arena_take(&s->arena, s->entries_max, sizeof *s->usage, 64);
+    mni_trace_ring *before = mni_trace_swap(ring_of(s, MN_TRACE_NAVIGATE));
     code = store_open(s, st);
+    (void)mni_trace_swap(before);
     if (code != MN_OK)
         return code;
     s->nav.ops_max = s->desc.nav_ops;
@@ -136,7 +178,9 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
                        "a target of triangles moves the tolerance, which is to stand "
                        "still (--degrade off)");
     }
-    mni_ram_plan_desc plan = {desc->ram_bytes, desc->base_bytes, desc->k, desc->front_max};
+    const uint64_t trace_bytes = desc->trace_path != NULL ? mni_trace_need_bytes() : 0;
+    mni_ram_plan_desc plan = {desc->ram_bytes, desc->base_bytes + trace_bytes, desc->k,
+                              desc->front_max};
     mn_code code = mn_header_read(desc->path, &s->header, st);
     if (code == MN_OK)
         code = mni_ram_plan_make(&plan, &s->header, &s->plan, st);
@@ -145,6 +189,8 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
     if (code == MN_OK)
         s->desc.closed |= mni_front_input_is_closed(desc->path, &s->header);
 #endif
+    if (code == MN_OK)
+        code = trace_open(s, st);
     if (code == MN_OK)
         code = parts_open(s, st);
     if (code != MN_OK) {
@@ -156,13 +202,23 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
     return MN_OK;
 }
 
-void mn_session_close(mn_session *s) {
+mn_code mn_session_end(mn_session *s, mn_status *st) {
     if (s == NULL)
-        return;
+        return MN_OK;
     if (s->store != NULL)
         mni_store_close(s->store);
+    const mn_code code = mni_trace_close(s->trace, st);
     mni_arena_close(&s->arena);
     free(s);
+    return code;
+}
+
+void mn_session_close(mn_session *s) {
+    (void)mn_session_end(s, NULL);
+}
+
+bool mn_session_trace_has_failed(const mn_session *s) {
+    return s->trace != NULL && mni_trace_has_failed(s->trace);
 }
 
 void mn_session_plan(const mn_session *s, mn_plan *out) {
@@ -175,8 +231,31 @@ const mn_header *mn_session_header(const mn_session *s) {
 
 /* ---- frames ---------------------------------------------------------------------------------- */
 
+static void trace_work(const mn_session *s) {
+    const mni_work *work = &s->nav.work;
+    MNI_TRACE_COUNT(MN_TRACE_N_SPLITS, work->splits);
+    MNI_TRACE_COUNT(MN_TRACE_N_COLLAPSES, work->collapses);
+    MNI_TRACE_COUNT(MN_TRACE_N_MISSES, work->misses);
+    MNI_TRACE_COUNT(MN_TRACE_N_REFUSED_FRONT, work->refused_front);
+    MNI_TRACE_COUNT(MN_TRACE_N_REFUSED_BUDGET, work->refused_budget);
+    MNI_TRACE_COUNT(MN_TRACE_N_REFUSED_POOL, work->refused_pool);
+    MNI_TRACE_COUNT(MN_TRACE_N_WAITS, work->waits_dependency);
+    MNI_TRACE_COUNT(MN_TRACE_N_NODES, s->nav.front.active);
+    MNI_TRACE_COUNT(MN_TRACE_N_TRIANGLES, s->nav.front.triangles);
+    MNI_TRACE_COUNT(MN_TRACE_N_TOLERANCE, fmin(1e3 * s->nav.lens.tolerance_px, 1e18));
+}
+
+/* Waits until nothing is asked for and nothing is read. */
+static void drain(mn_session *s) {
+    mni_trace_ring *before = mni_trace_swap(ring_of(s, MN_TRACE_NAVIGATE));
+    mni_store_drain(s->store);
+    (void)mni_trace_swap(before);
+    if (s->trace != NULL)
+        mni_trace_drain(s->trace);
+}
+
 /* One round of Navigate. Adds to *stats; returns whether anything changed or is still to come. */
-static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
+static bool navigate_once(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
     double start_ms = now_ms(), start_cpu_ms = cpu_ms();
     (void)mni_lock_waits_since(); /* those outside of frames */
     mni_store_frame_begin(s->store);
@@ -207,6 +286,20 @@ static bool navigate(mn_session *s, const mn_camera *camera, mn_frame_stats *sta
     mn_session_check(s);
 #endif
     return work->splits + work->collapses > 0 || pending > 0 || !s->nav.level.settled;
+}
+
+static bool navigate(mn_session *s, const mn_camera *camera, mn_trace_round round,
+                     mn_frame_stats *stats) {
+    mni_trace_ring *before = mni_trace_swap(ring_of(s, MN_TRACE_NAVIGATE));
+    MNI_TRACE(MN_TRACE_FRAME_BEGIN, round, s->frame, 0);
+    const bool changed = navigate_once(s, camera, stats);
+    if (mni_trace_on())
+        trace_work(s);
+    MNI_TRACE(MN_TRACE_FRAME_END, round, s->frame, 0);
+    (void)mni_trace_swap(before);
+    if (s->trace != NULL)
+        mni_trace_drain(s->trace);
+    return changed;
 }
 
 /* The front's hash; the agenda, idle between frames, is the scratch. */
@@ -259,11 +352,11 @@ void mn_session_frame(mn_session *s, const mn_camera *camera, mn_frame_stats *st
     mn_session_stats before = {0};
     if (stats != NULL)
         mni_store_stats(s->store, &before);
-    here.changed = navigate(s, camera, &here);
+    here.changed = navigate(s, camera, MN_TRACE_FRAME, &here);
     if (s->desc.barrier) {
         for (int round = 1; here.changed && round < ROUNDS_MAX; round++) {
-            mni_store_drain(s->store);
-            here.changed = navigate(s, camera, &here);
+            drain(s);
+            here.changed = navigate(s, camera, MN_TRACE_ROUND, &here);
         }
     }
     count_frame(s, &here);
@@ -277,8 +370,8 @@ void mn_session_frame(mn_session *s, const mn_camera *camera, mn_frame_stats *st
 bool mn_session_opening(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
     MN_ASSERT(s->frame == 0);
     mn_frame_stats here = {0};
-    here.changed = navigate(s, camera, &here);
-    mni_store_drain(s->store);
+    here.changed = navigate(s, camera, MN_TRACE_OPENING, &here);
+    drain(s);
     if (stats != NULL)
         *stats = here;
     return here.changed;
@@ -287,26 +380,32 @@ bool mn_session_opening(mn_session *s, const mn_camera *camera, mn_frame_stats *
 uint32_t mn_session_settle(mn_session *s, const mn_camera *camera, uint32_t frames_max) {
     for (uint32_t frame = 1; frame <= frames_max; frame++) {
         mn_frame_stats here = {0};
-        bool changed = navigate(s, camera, &here);
+        bool changed = navigate(s, camera, MN_TRACE_SETTLING, &here);
         count_frame(s, &here);
         s->frame++;
         if (!changed)
             return frame;
-        mni_store_drain(s->store);
+        drain(s);
     }
     return frames_max;
 }
 
 void mn_session_drain(mn_session *s) {
-    mni_store_drain(s->store);
+    drain(s);
 }
 
 bool mn_session_shrink(mn_session *s) {
-    return mni_store_shrink(s->store);
+    mni_trace_ring *before = mni_trace_swap(ring_of(s, MN_TRACE_NAVIGATE));
+    const bool done = mni_store_shrink(s->store);
+    (void)mni_trace_swap(before);
+    return done;
 }
 
 bool mn_session_grow(mn_session *s) {
-    return mni_store_grow(s->store);
+    mni_trace_ring *before = mni_trace_swap(ring_of(s, MN_TRACE_NAVIGATE));
+    const bool done = mni_store_grow(s->store);
+    (void)mni_trace_swap(before);
+    return done;
 }
 
 void mn_session_set_tolerance(mn_session *s, float tolerance_px) {

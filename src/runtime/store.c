@@ -82,6 +82,13 @@ static mni_wish wish_for(const mni_store *store, mni_way way, mn_block_ref ref, 
     return wish;
 }
 
+static void trace_answer(const mni_wish *wish, mni_answer answer) {
+    if (answer == MNI_GRANTED)
+        MNI_TRACE(MN_TRACE_USE, 0, wish->ref.id, wish->parent.id);
+    else if (answer == MNI_ABSENT)
+        MNI_TRACE(MN_TRACE_ABSENT, 0, wish->ref.id, wish->parent.id);
+}
+
 static mni_answer down(mni_store *store, mni_entry parent, mn_block_ref ref, mni_entry *out) {
     mni_ancestors *table = &store->table;
     *out = MNI_NO_ENTRY;
@@ -103,6 +110,7 @@ static mni_answer down(mni_store *store, mni_entry parent, mn_block_ref ref, mni
     wish.adds = e == MNI_NO_ENTRY;
     const void *bytes = NULL;
     mni_answer answer = store->kind->enter(store->blocks, &wish, &bytes);
+    trace_answer(&wish, answer);
     if (answer == MNI_GRANTED)
         *out = mni_ancestors_enter(table, ref, parent, bytes);
     return answer;
@@ -173,6 +181,7 @@ mni_answer mni_store_up(mni_store *store, mni_entry entry) {
     mni_wish wish = wish_for(store, MNI_WAY_UP, ancestor->ref, ancestor->parent);
     const void *bytes = NULL;
     mni_answer answer = store->kind->enter(store->blocks, &wish, &bytes);
+    trace_answer(&wish, answer);
     if (answer == MNI_GRANTED)
         mni_ancestors_enter(&store->table, ancestor->ref, ancestor->parent, bytes);
     return answer;
@@ -197,11 +206,13 @@ void mni_store_sub(mni_store *store, mni_entry entry) {
         return;
     }
     uint32_t block_id = lowered->ref.id;
-    if (mni_ancestors_lower(&store->table, entry))
-        store->kind->leave(store->blocks, block_id,
-                           mni_ancestors_find(&store->table, block_id) == MNI_NO_ENTRY);
-    else
+    if (!mni_ancestors_lower(&store->table, entry)) {
         attempt_over(store);
+        return;
+    }
+    MNI_TRACE(MN_TRACE_LEAVE, 0, block_id, 0);
+    store->kind->leave(store->blocks, block_id,
+                       mni_ancestors_find(&store->table, block_id) == MNI_NO_ENTRY);
 }
 
 void mni_store_attempt_over(mni_store *store) {
@@ -235,6 +246,11 @@ uint32_t mni_store_usage(const mni_store *store, mni_entry entry) {
     return store->table.entry[entry].usage;
 }
 
+uint32_t mni_store_block_id(const mni_store *store, mni_entry entry) {
+    MN_ASSERT(entry < store->table.max);
+    return store->table.entry[entry].ref.id;
+}
+
 mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref ref,
                               const void **bytes) {
     MN_ASSERT(owner < store->table.max && store->table.entry[owner].usage > 0);
@@ -244,7 +260,10 @@ mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref re
         return MNI_ABSENT;
     mni_wish wish = wish_for(store, MNI_WAY_OVERFLOW, ref, owner);
     wish.adds = true;
-    return store->kind->overflow(store->blocks, &wish, bytes);
+    const mni_answer answer = store->kind->overflow(store->blocks, &wish, bytes);
+    if (answer == MNI_ABSENT)
+        trace_answer(&wish, answer);
+    return answer;
 }
 
 /* ---- foresight ------------------------------------------------------------------------------ */
@@ -273,6 +292,7 @@ void mni_store_note(mni_store *store, mn_block_ref ref, const mni_note *note) {
 }
 
 void mni_store_rehearse(mni_store *store, uint32_t frames) {
+    mni_trace_rehearse(frames > 0);
     if (store->kind->rehearse != NULL)
         store->kind->rehearse(store->blocks, frames);
 }
@@ -284,6 +304,9 @@ void mni_store_frame_begin(mni_store *store) {
 }
 
 void mni_store_frame_end(mni_store *store, double frame_s) {
+    MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_STORE, 0, 0);
+    MNI_TRACE_COUNT(MN_TRACE_N_IN_USE, store->table.in_use);
+    MNI_TRACE_COUNT(MN_TRACE_N_ANCESTORS, store->table.count);
     store->kind->frame_end(store->blocks, frame_s);
 }
 

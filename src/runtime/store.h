@@ -26,6 +26,7 @@
 #include "board.h"
 #include "mem.h"
 #include "metanode/runtime.h"
+#include "trace.h"
 
 typedef struct mni_store mni_store;
 typedef uint32_t mni_entry;
@@ -74,8 +75,7 @@ typedef struct mni_store_desc {
     mni_store_rate rate; /* NULL: what lies below a block that has come is not rated */
     const void *rate_context;
     uint32_t look_bytes;
-    mn_trace_hook trace;
-    void *trace_context;
+    mni_trace_ring *trace_io; /* for what I/O does; NULL: none */
     void (*warn)(void *context, const char *text);
     void *warn_context;
 } mni_store_desc;
@@ -125,6 +125,7 @@ bool mni_store_allows(const mni_store *store, const mni_refusal *refusal, bool l
  * this entry, so that views onto them must be reopened. */
 const void *mni_store_bytes(mni_store *store, mni_entry entry, bool *fresh);
 uint32_t mni_store_usage(const mni_store *store, mni_entry entry);
+uint32_t mni_store_block_id(const mni_store *store, mni_entry entry);
 
 /* An overflow block that a split needs besides: resident now and pinned until end of frame, or
  * asked for. */

@@ -186,6 +186,7 @@ static mn_code open_paged(const mni_store_desc *desc, mni_arena *arena, void **o
                                .header = header,
                                .check = desc->check,
                                .check_context = desc->check_context,
+                               .trace = desc->trace_io,
                                .serial = desc->io_serial};
         if (desc->prefetch == MN_PREFETCH_AHEAD) {
             p->loop.rate = desc->rate;

@@ -14,30 +14,54 @@ static mni_arena arena;
 static mni_store *store;
 static mni_entry root;
 
-/* What happened to place holders, from the trace hook. */
+/* What happened to place holders, from the trace: the disk is simulated, so all of it stands in the
+ * rings until half of one is full. */
 static struct {
-    uint32_t slot_generation[512]; /* a slot: of its block */
-    uint8_t loading[4096];         /* a block id: reads under way */
+    mni_trace *trace;
+    uint64_t seen[MN_TRACE_THREADS];
+    uint32_t slot_block[512]; /* a slot: its block, once loading */
+    uint8_t loading[4096];    /* a block id: reads under way */
     uint32_t loads;
 } traced;
 
-static void trace(void *context, uint32_t event, uint32_t block_id, uint32_t slot,
-                  uint32_t generation, uint32_t value) {
-    (void)context;
-    if (event == MNI_HOLDER_LOADING) {
-        ck_assert_uint_gt(generation, traced.slot_generation[slot]);
-        traced.slot_generation[slot] = generation;
-        ck_assert_uint_eq(traced.loading[block_id]++, 0); /* never two reads for one block */
+static void take_event(const mni_trace_event *e) {
+    const uint32_t kind = e->what & 0xff, from = e->what >> 8 & 7, to = e->what >> 11 & 7;
+    if (kind != MN_TRACE_HOLDER)
+        return;
+    if (to == MN_TRACE_LOADING) {
+        traced.slot_block[e->b] = e->a;
+        ck_assert_uint_eq(traced.loading[e->a]++, 0); /* never two reads for one block */
         traced.loads++;
-    } else if (value == MNI_HOLDER_LOADING && event != MNI_HOLDER_EMPTY) {
-        ck_assert_uint_eq(traced.loading[block_id]--, 1);
+    } else if (from == MN_TRACE_LOADING && to != MN_TRACE_EMPTY) {
+        ck_assert_uint_eq(traced.loading[e->a]--, 1);
     }
-    ck_assert(event == MNI_HOLDER_LOADING || event == MNI_HOLDER_EMPTY ||
-              generation == traced.slot_generation[slot]);
+    ck_assert(to == MN_TRACE_EMPTY || e->a == traced.slot_block[e->b]);
+}
+
+/* The next event of a thread, or NULL. */
+static const mni_trace_event *next_of(mn_trace_thread thread) {
+    const mni_trace_ring *ring = mni_trace_ring_of(traced.trace, thread);
+    ck_assert_uint_eq(atomic_load(&ring->tail), 0);
+    return traced.seen[thread] < atomic_load(&ring->head) ? &ring->event[traced.seen[thread]]
+                                                          : NULL;
+}
+
+static uint32_t loads(void) {
+    for (;;) {
+        const mni_trace_event *n = next_of(MN_TRACE_NAVIGATE), *io = next_of(MN_TRACE_IO);
+        if (n == NULL && io == NULL)
+            return traced.loads;
+        const bool first = io == NULL || (n != NULL && n->what >> 16 < io->what >> 16);
+        traced.seen[first ? MN_TRACE_NAVIGATE : MN_TRACE_IO]++;
+        take_event(first ? n : io);
+    }
 }
 
 static void open_made(const made_desc *made, uint32_t k) {
     memset(&traced, 0, sizeof traced);
+    const mn_trace_info info = {.clock = MN_TRACE_VIRTUAL};
+    ck_assert_int_eq(mni_trace_open("/dev/null", &info, &traced.trace, NULL), MN_OK);
+    (void)mni_trace_swap(mni_trace_ring_of(traced.trace, MN_TRACE_NAVIGATE));
     made_file_make(&file, made);
     mni_store_desc desc = {.path = file.path,
                            .header = &file.header,
@@ -47,7 +71,7 @@ static void open_made(const made_desc *made, uint32_t k) {
                            .io_serial = true,
                            .prefetch = MN_PREFETCH_NEIGHBOURS,
                            .check = made_check,
-                           .trace = trace};
+                           .trace_io = mni_trace_ring_of(traced.trace, MN_TRACE_IO)};
     ck_assert_int_eq(
         mni_arena_open(&arena, mni_store_need_bytes(&file.header, desc.kind, desc.k), NULL), MN_OK);
     ck_assert_int_eq(mni_store_open(&desc, &arena, &store, NULL), MN_OK);
@@ -68,6 +92,9 @@ static void open_store(mn_blocking blocking, uint32_t fanout, uint32_t blocks, u
 
 static void close_store(void) {
     mni_store_close(store);
+    (void)loads();
+    (void)mni_trace_swap(NULL);
+    ck_assert_int_eq(mni_trace_close(traced.trace, NULL), MN_OK);
     mni_arena_close(&arena);
     made_file_free(&file);
 }
@@ -75,6 +102,7 @@ static void close_store(void) {
 static void next_frame(void) {
     mni_store_frame_end(store, 0.01);
     mni_store_check_all(store, NULL, NULL);
+    (void)loads();
     mni_store_frame_begin(store);
 }
 
@@ -125,10 +153,10 @@ static void take_up(mni_entry entry) {
 START_TEST(prefetch_and_second_chance) {
     open_store(MN_BLOCKING_LEVELS, 3, 40, 30);
     next_frame();
-    ck_assert_uint_eq(traced.loads, 4); /* root and its three */
+    ck_assert_uint_eq(loads(), 4); /* root and its three */
     mni_entry child = take(root, child_of(0, 0));
     next_frame();
-    ck_assert_uint_eq(traced.loads, 7);
+    ck_assert_uint_eq(loads(), 7);
     mni_store_sub(store, child);
     next_frame(); /* its children go to the free list, it stays: the root refers to it */
     uint32_t in_use, resident;
@@ -139,7 +167,7 @@ START_TEST(prefetch_and_second_chance) {
     next_frame();
     mni_store_levels(store, &in_use, &resident);
     ck_assert_uint_eq(resident, 7);
-    ck_assert_uint_eq(traced.loads, 7);
+    ck_assert_uint_eq(loads(), 7);
     ck_assert_uint_eq(stats().second_chances, 3);
     mni_store_sub(store, child);
     close_store();
@@ -157,14 +185,14 @@ START_TEST(first_freed_goes_first) {
     next_frame();
     mni_store_sub(store, b);
     next_frame(); /* free, in this order: children of a, children of b */
-    ck_assert_uint_eq(traced.loads, 10);
+    ck_assert_uint_eq(loads(), 10);
     mni_entry c = take(root, child_of(0, 2)); /* its three take the places of a's */
     next_frame();
-    ck_assert_uint_eq(traced.loads, 13);
+    ck_assert_uint_eq(loads(), 13);
     mni_store_sub(store, c);
     b = take(root, child_of(0, 1)); /* b's are still there */
     next_frame();
-    ck_assert_uint_eq(traced.loads, 13);
+    ck_assert_uint_eq(loads(), 13);
     mni_store_sub(store, b);
     close_store();
 }
@@ -177,7 +205,7 @@ START_TEST(levels_leave_a_place) {
     next_frame();
     mni_entry c = take(root, child_of(0, 0)), d[2], other;
     next_frame();
-    ck_assert_uint_eq(traced.loads, 5); /* root, its two children, two of a child's */
+    ck_assert_uint_eq(loads(), 5); /* root, its two children, two of a child's */
     for (uint32_t i = 0; i < 2; i++)
         d[i] = take(c, child_of(block_of(child_of(0, 0)), i));
     mni_answer answer = mni_store_down(store, root, child_of(0, 1), &other);
@@ -307,7 +335,7 @@ START_TEST(lying_references_are_absent) {
     next_frame();
     mni_entry c = take(root, child_of(0, 0)), d;
     next_frame();
-    uint32_t loads = traced.loads;
+    uint32_t before = loads();
     mn_block_ref nowhere = {.id = 100000, .pages = 1}, long_one = child_of(0, 1);
     long_one.pages = 2;
     ck_assert_int_eq(mni_store_down(store, c, nowhere, &d), MNI_ABSENT);
@@ -315,12 +343,12 @@ START_TEST(lying_references_are_absent) {
     ck_assert_int_eq(mni_store_down(store, c, child_of(0, 1), &d), MNI_ABSENT);
     ck_assert_int_eq(mni_store_down(store, c, file.block[0].ref, &d), MNI_ABSENT);
     next_frame();
-    ck_assert_uint_eq(traced.loads, loads);
+    ck_assert_uint_eq(loads(), before);
     mn_block_ref cousin =
         child_of(block_of(child_of(0, 1)), 0); /* read, and seen to be another's */
     ck_assert_int_eq(mni_store_down(store, c, cousin, &d), MNI_ABSENT);
     next_frame();
-    ck_assert_uint_eq(traced.loads, loads + 1);
+    ck_assert_uint_eq(loads(), before + 1);
     ck_assert_uint_eq(stats().checksum_failures, 1);
     mni_store_sub(store, c);
     close_store();
@@ -366,12 +394,12 @@ START_TEST(a_full_ancestor_table_refuses) {
             full_at = r;
             mni_entry none;
             next_frame(); /* and its prefetch is there: it is the table that refuses */
-            uint32_t loads = traced.loads;
+            uint32_t before = loads();
             ck_assert_int_eq(mni_store_down(store, top, below, &none), MNI_REFUSED);
             ck_assert_uint_eq(none, MNI_NO_ENTRY);
             ck_assert_uint_eq(mni_store_usage(store, top), 1);
             next_frame();
-            ck_assert_uint_eq(traced.loads, loads);
+            ck_assert_uint_eq(loads(), before);
         }
     ck_assert(full_at != MN_NONE && full_at > 0);
     take_up(chain[0][3]); /* what has an entry already takes none */
