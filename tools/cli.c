@@ -196,6 +196,10 @@ static void catch_unless_ignored(int signal_number) {
         sigaction(signal_number, &action, NULL);
 }
 
+int cli_interrupted(void) {
+    return interrupted;
+}
+
 void cli_interrupts_catch(void) {
     catch_unless_ignored(SIGINT);
     catch_unless_ignored(SIGTERM);

@@ -30,6 +30,7 @@ int cmd_view(int argc, char **argv);
 int cmd_make(int argc, char **argv);
 int cmd_compare(int argc, char **argv);
 int cmd_stress(int argc, char **argv);
+int cmd_tune(int argc, char **argv);
 int cmd_bench(int argc, char **argv);
 
 /* Prints "metanode: …" on standard error and returns the code. */
@@ -70,7 +71,7 @@ typedef struct cli_flag {
     { .name = name_, .kind = CLI_IS_SIZE, .to = to_, .min = min_, .max = max_, .wants = wants_ }
 #define CLI_CHOICE(name_, to_, names_, wants_)                                                     \
     { .name = name_, .kind = CLI_IS_CHOICE, .to = to_, .names = names_, .wants = wants_ }
-enum { CLI_FLAGS_MAX = 16 };
+enum { CLI_FLAGS_MAX = 32 };
 extern const char *const cli_on_off[]; /* names: 0 on, 1 off; as mn_weld */
 /* Reads the options; optind is then at the first word that is none. MN_USAGE has been said. *done:
  * help was asked for, and printed. */
@@ -96,6 +97,7 @@ void cli_progress_end(void *context); /* clears the line, and the meter */
 /* From now on the first SIGINT, SIGTERM or SIGHUP makes cli_progress ask for an end, so that work
  * stops in order and temporary files go; a second one kills. What is ignored stays so. */
 void cli_interrupts_catch(void);
+int cli_interrupted(void); /* by which signal; 0: by none */
 
 /* MN_USAGE, and said, where the output is the input: by whatever name, or link. Either may be NULL.
  */

@@ -1,0 +1,94 @@
+/* metanode tune: which blocks, and how many of them in memory? See --help, docs/tune.md and tune.h.
+ * Here is the order of things alone. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "child.h"
+#include "cli.h"
+#include "tune.h"
+
+static void say_plan(const tune *t) {
+    const size_t missing = tune_missing(t);
+    const double seconds = tune_seconds_needed(t);
+    if (t->o.json)
+        return;
+    printf("%s: %u layouts, %zu cells, %zu of them known; about %.0f s", t->o.in, t->layouts,
+           t->cells, t->cells - missing, seconds);
+    printf("%s\n", t->o.cross || t->o.prefetches == 1
+                       ? ""
+                       : ", then the other prefetch rules at the best setting");
+    fflush(stdout);
+}
+
+/* All cells; then the other prefetch rules where they matter. */
+static mn_code sweep(tune *t, tune_findings *f, mn_status *st) {
+    mn_code code = tune_enumerate(t, st);
+    if (code == MN_OK)
+        code = tune_results_load(t, st);
+    if (code != MN_OK)
+        return code;
+    say_plan(t);
+    code = tune_measure(t, st);
+    if (code == MN_OK)
+        code = tune_find(t, f, st);
+    if (code != MN_OK || f->best == NULL || t->o.cross || t->o.prefetches == 1)
+        return code;
+    const tune_cell at = *f->best->cell;
+    tune_findings_free(f);
+    code = tune_enumerate_rules(t, &at, st);
+    if (code == MN_OK)
+        code = tune_results_load(t, st);
+    if (code == MN_OK)
+        code = tune_measure(t, st);
+    return code == MN_OK ? tune_find(t, f, st) : code;
+}
+
+static mn_code table_file(const tune *t, const tune_findings *f, mn_status *st) {
+    char path[PATH_MAX];
+    FILE *out = tune_file_name(t, "table.txt", path, sizeof path) == 0 ? fopen(path, "we") : NULL;
+    if (out == NULL)
+        return mn_fail(st, MN_FAILED, "%s/table.txt: cannot be written", t->o.folder);
+    tune_table(t, f, out);
+    return cli_written_all(out, "tune:", path, st);
+}
+
+static mn_code run(tune *t, mn_status *st) {
+    tune_findings f = {0};
+    mn_code code = tune_folder_open(t, st);
+    if (code == MN_OK)
+        code = tune_build(t, st);
+    if (code == MN_OK)
+        code = sweep(t, &f, st);
+    if (code == MN_OK)
+        code = table_file(t, &f, st);
+    if (code == MN_OK && t->o.json)
+        tune_json(t, &f, stdout);
+    else if (code == MN_OK)
+        tune_table(t, &f, stdout);
+    tune_findings_free(&f);
+    tune_folder_close(t);
+    return code;
+}
+
+int cmd_tune(int argc, char **argv) {
+    mn_status st = {0};
+    bool done = false;
+    tune *t = calloc(1, sizeof *t);
+    if (t == NULL)
+        return cli_error(MN_FAILED, "tune: no memory");
+    mn_code code = tune_options_read(&t->o, argc, argv, &done);
+    if (code == MN_OK && !done) {
+        cli_interrupts_catch();
+        child_signals_hold();
+        code = run(t, &st);
+        if (code == MN_FAILED && cli_interrupted() != 0)
+            cli_error(code, "interrupted; %s keeps what was measured, and the same command goes on",
+                      t->o.folder);
+        else
+            cli_status(&st);
+    }
+    free(t->cell);
+    free(t);
+    return (int)code;
+}
