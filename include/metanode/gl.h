@@ -10,6 +10,7 @@
 #ifndef METANODE_GL_H
 #define METANODE_GL_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -21,7 +22,7 @@ extern "C" {
 #endif
 
 #define MN_GL_SYMBOL "mn_gl_module"
-enum { MN_GL_VERSION = 2 };
+enum { MN_GL_VERSION = 3 };
 
 typedef struct mn_gl mn_gl; /* a context with its picture: offscreen, or a window */
 
@@ -46,6 +47,18 @@ typedef struct mn_gl_stats {
     uint64_t sent_bytes;  /* to the driver: vertices, normals, indices */
     uint64_t sent_ranges; /* in so many pieces */
 } mn_gl_stats;
+
+/* How alike two pictures are (likeness.c gives the formulas). */
+typedef struct mn_likeness {
+    double mean_square;      /* of the differences, over pixels and channels, 0 … 255² */
+    double psnr_db;          /* INFINITY: the same */
+    double ssim;             /* at most 1; NaN: smaller than its window */
+    uint32_t difference_max; /* of a channel, 0 … 255 */
+} mn_likeness;
+enum { MN_SSIM_WINDOW = 11 }; /* pixels each way */
+static inline double mn_psnr_db(double mean_square) {
+    return mean_square > 0 ? 10 * log10(255.0 * 255.0 / mean_square) : (double)INFINITY;
+}
 
 enum { MN_GL_TYPED_MAX = 32 }; /* characters between two polls; more are dropped */
 
@@ -86,6 +99,15 @@ typedef struct mn_gl_api {
     mn_code (*png)(mn_gl *gl, const char *path, mn_status *st);
     const char *(*driver)(const mn_gl *gl); /* the renderer's name; lives until close */
     void (*stats)(const mn_gl *gl, mn_gl_stats *out);
+
+    /* Two pictures of width × height × RGB8. Needs no context; any thread. MN_FAILED: no memory. */
+    mn_code (*likeness)(const uint8_t *a, const uint8_t *b, uint32_t width_px, uint32_t height_px,
+                        mn_likeness *out, mn_status *st);
+    /* A PNG of up to 16384 pixels each way as RGB8, top row first; what is transparent lies on
+     * black, 16 bits are rounded to 8. *rgb: the caller frees it with free. MN_BAD_INPUT: it is
+     * none. */
+    mn_code (*png_read)(const char *path, uint8_t **rgb, uint32_t *width_px, uint32_t *height_px,
+                        mn_status *st);
 
     /* Windows only. Waits at most timeout_s for something to happen (0: does not wait). */
     void (*poll)(mn_gl *gl, double timeout_s, mn_gl_input *out);

@@ -160,6 +160,8 @@ const mn_gl_api mn_gl_module = {
     .png = module_png,
     .driver = module_driver,
     .stats = module_stats,
+    .likeness = mni_likeness,
+    .png_read = mni_png_read,
     .poll = module_poll,
     .title = module_title,
 };

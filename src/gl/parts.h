@@ -1,5 +1,5 @@
 /* The parts of the module: contexts (offscreen.c, window.c), drawing (render.c), and what needs no
- * GL at all (surface.c, png.c). One thread, that of the mn_gl. */
+ * GL at all (surface.c, png.c, likeness.c). One thread, that of the mn_gl. */
 #ifndef MNI_GL_PARTS_H
 #define MNI_GL_PARTS_H
 
@@ -85,6 +85,16 @@ uint32_t mni_surface_pack(const uint32_t sum[3]);
  * or MN_NO_SPACE; nothing is left behind then. */
 mn_code mni_png_write(const char *path, uint32_t width, uint32_t height, const uint8_t *rgba,
                       mn_status *st);
+
+/* As of mn_gl_api. */
+mn_code mni_png_read(const char *path, uint8_t **rgb, uint32_t *width, uint32_t *height,
+                     mn_status *st);
+
+/* ---- likeness.c: two pictures compared. Pure ------------------------------------------------ */
+
+/* As of mn_gl_api. */
+mn_code mni_likeness(const uint8_t *a, const uint8_t *b, uint32_t width, uint32_t height,
+                     mn_likeness *out, mn_status *st);
 
 /* ---- shaders.c ------------------------------------------------------------------------------ */
 

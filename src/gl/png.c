@@ -1,14 +1,21 @@
-/* Writes a picture as PNG. Hides libpng and its way of failing.
+/* Pictures as PNG. Hides libpng and its ways of failing.
  *
- * Temporary name, sync, rename: a picture is there whole or not at all. Any thread; memory: a row
- * and what libpng takes, until return. */
+ * Written under a temporary name, synced, renamed: a picture is there whole or not at all. Any
+ * thread; memory: to write, a row and what libpng takes, until return; to read, the picture, which
+ * the caller frees. */
 #include "parts.h"
 
 #include <errno.h>
 #include <png.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
+
+enum { SIDE_MAX = 16384 }; /* of a picture that is read: what is drawn is no larger */
+
+/* ---- writing --------------------------------------------------------------------------------- */
 
 /* libpng reports here and must not return: an error text kept for the status, then back. */
 static void on_error(png_structp png, png_const_charp text) {
@@ -71,5 +78,51 @@ mn_code mni_png_write(const char *path, uint32_t width, uint32_t height, const u
         code = failure(path, error, st);
     if (code != MN_OK)
         unlink(temporary);
+    return code;
+}
+
+/* ---- reading --------------------------------------------------------------------------------- */
+
+/* The rest of a picture whose header has been read. libpng's simple interface returns what went
+ * wrong instead of jumping, and ends itself. */
+static mn_code read_pixels(const char *path, png_image *image, uint8_t **rgb, mn_status *st) {
+    static const png_color black = {0, 0, 0};
+    if (image->width > SIDE_MAX || image->height > SIDE_MAX)
+        return mn_fail(st, MN_BAD_INPUT, "%s: %u x %u pixels: more than %d each way", path,
+                       image->width, image->height, SIDE_MAX);
+    image->format = PNG_FORMAT_RGB;
+    uint8_t *pixels = malloc(PNG_IMAGE_SIZE(*image));
+    if (pixels == NULL)
+        return mn_fail(st, MN_FAILED, "%s: no memory for %u x %u pixels", path, image->width,
+                       image->height);
+    if (!png_image_finish_read(image, &black, pixels, 0, NULL)) {
+        free(pixels);
+        return mn_fail(st, MN_BAD_INPUT, "%s: a damaged PNG: %s", path, image->message);
+    }
+    *rgb = pixels;
+    return MN_OK;
+}
+
+mn_code mni_png_read(const char *path, uint8_t **rgb, uint32_t *width, uint32_t *height,
+                     mn_status *st) {
+    struct stat info;
+    *rgb = NULL;
+    if (stat(path, &info) == 0 && !S_ISREG(info.st_mode)) /* a fifo would be waited for */
+        return mn_fail(st, MN_BAD_INPUT, "%s: not a file", path);
+    FILE *file = fopen(path, "rbe");
+    if (file == NULL)
+        return mn_fail(st, errno == ENOENT ? MN_BAD_INPUT : MN_FAILED, "%s: cannot be read: %s",
+                       path, strerror(errno));
+    png_image image = {.version = PNG_IMAGE_VERSION};
+    mn_code code;
+    if (png_image_begin_read_from_stdio(&image, file)) {
+        *width = image.width;
+        *height = image.height;
+        code = read_pixels(path, &image, rgb, st);
+    } else {
+        code = mn_fail(st, MN_BAD_INPUT, "%s: not a PNG: %s", path, image.message);
+    }
+    png_image_free(&image);
+    fclose(file);
     return code;
 }
