@@ -2,7 +2,7 @@
  *
  * Hides the loop over frames and what is measured when. Memory: what it needs besides the session
  * (figures, a path file's cameras) is taken before the session is opened, and told to its
- * plan. Main thread only; GL is loaded for --images alone. */
+ * plan. Main thread only; GL is loaded for pictures alone. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -13,6 +13,7 @@
 
 #include "path_record.h"
 #include "picture.h"
+#include "reference.h"
 #include "replay_figures.h"
 #include "session_options.h"
 
@@ -26,6 +27,7 @@ enum {
     OPEN,
     WRITE_PATH,
     KEY_EVERY,
+    REFERENCE,
     STDIO_BYTES = 1 << 14,
     SETTLE_FRAMES_MAX = 1 << 20,
     OPENING_FRAMES_MAX = 1 << 12, /* one takes some ten; a budget of few operations, many */
@@ -39,11 +41,13 @@ typedef struct replay {
     const char *path_out; /* --write-path; NULL: navigate */
     uint64_t key_every;
     bool settle, paced, from_settled; /* the first picture is there before the first frame */
+    bool compared;                    /* --reference */
 
     mn_path *path;
     mn_session *session;
     FILE *csv;
     picture picture;
+    reference reference;
     replay_figures figures;
     char csv_buffer[STDIO_BYTES];
 } replay;
@@ -60,7 +64,9 @@ static void help(void) {
         "  --csv F           a row a frame\n"
         "  --trace F         everything that happens, for metanode trace\n"
         "  --images DIR      a picture a frame, DIR/frame-000000.png …\n"
-        "  --images-every N  of every Nth frame only, from the first (1)\n"
+        "  --reference       each frame's picture beside the same with everything resident, which\n"
+        "                    another process draws: PSNR and SSIM (see metanode compare --help)\n"
+        "  --images-every N  pictures of every Nth frame only, from the first (1)\n"
         "  --write-path F    only writes the path to F, a path file, and navigates nothing\n"
         "  --key-every N     a key frame every Nth frame, and the last (1: the same path, "
         "exactly)\n",
@@ -99,6 +105,9 @@ static mn_code take_own(replay *r, int option, const char *value) {
         if (cli_choice(value, opens) >= 0)
             return MN_OK;
         return (mn_code)cli_error(MN_USAGE, "replay: --open '%s': roots or settled", value);
+    case REFERENCE:
+        r->compared = true;
+        return MN_OK;
     case WRITE_PATH:
         r->path_out = value;
         return MN_OK;
@@ -117,6 +126,7 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
                                             {"settle", no_argument, NULL, SETTLE},
                                             {"paced", no_argument, NULL, PACED},
                                             {"open", required_argument, NULL, OPEN},
+                                            {"reference", no_argument, NULL, REFERENCE},
                                             {"write-path", required_argument, NULL, WRITE_PATH},
                                             {"key-every", required_argument, NULL, KEY_EVERY},
                                             {"help", no_argument, NULL, 'h'},
@@ -158,7 +168,7 @@ static mn_code csv_open(replay *r, mn_status *st) {
 
 static mn_code images_open(replay *r, mn_status *st) {
     const mn_session_desc *d = &r->options.desc;
-    if (mkdir(r->images_dir, 0777) != 0 && errno != EEXIST)
+    if (r->images_dir != NULL && mkdir(r->images_dir, 0777) != 0 && errno != EEXIST)
         return mn_fail(st, MN_FAILED, "--images %s: cannot be made: %s", r->images_dir,
                        strerror(errno));
     return picture_open(&r->picture, r->session, d->width_px, d->height_px, st);
@@ -178,6 +188,8 @@ static mn_code open_path(replay *r, mn_status *st) {
 static mn_code open_all(replay *r, mn_status *st) {
     session_options *o = &r->options;
     mn_code code = open_path(r, st);
+    if (code == MN_OK && r->compared)
+        code = reference_open(&r->reference, &o->desc, r->path, o->frames, r->from_settled, st);
     if (code != MN_OK)
         return code;
     o->desc.base_bytes = sizeof *r + mn_path_bytes(r->path);
@@ -186,12 +198,13 @@ static mn_code open_all(replay *r, mn_status *st) {
     code = mn_session_open(&o->desc, &r->session, st);
     if (code == MN_OK && r->csv_name != NULL)
         code = csv_open(r, st);
-    if (code == MN_OK && r->images_dir != NULL)
+    if (code == MN_OK && (r->images_dir != NULL || r->compared))
         code = images_open(r, st);
     return code;
 }
 
 static mn_code close_all(replay *r, mn_status *st) {
+    reference_close(&r->reference);
     picture_close(&r->picture);
     mn_code code = mn_session_end(r->session, st);
     if (r->csv != NULL) {
@@ -204,16 +217,35 @@ static mn_code close_all(replay *r, mn_status *st) {
 
 /* ---- frames ---------------------------------------------------------------------------------- */
 
-static mn_code image(replay *r, uint32_t frame, const mn_camera *camera, mn_status *st) {
-    static const mn_gl_look look = {0};
+static mn_code write_image(replay *r, uint32_t frame, mn_status *st) {
     char name[4096];
     if (snprintf(name, sizeof name, "%s/frame-%06u.png", r->images_dir, frame) >= (int)sizeof name)
         return mn_fail(st, MN_USAGE, "--images: that name is longer than 4,000 characters");
-    const mn_code code = picture_write(&r->picture, r->session, camera, &look, name, st);
+    return picture_png(&r->picture, name, st);
+}
+
+/* A frame's picture, where it is wanted; *out: its figures. */
+static mn_code draw(replay *r, uint32_t frame, const mn_camera *camera, figures_picture *out,
+                    mn_status *st) {
+    static const mn_gl_look look = {0};
+    const uint64_t sent_before = r->figures.gl_sent_bytes;
+    const uint8_t *rgb;
+    uint32_t width, height;
+    *out = (figures_picture){.compared = r->compared};
+    mn_code code = picture_draw(&r->picture, r->session, camera, &look, st);
+    if (code == MN_OK && r->images_dir != NULL)
+        code = write_image(r, frame, st);
+    if (code == MN_OK && r->compared)
+        code = picture_rgb(&r->picture, &rgb, &width, &height, st);
+    if (code == MN_OK && r->compared)
+        code = reference_compare(&r->reference, frame, rgb, &out->likeness, st);
     mn_gl_stats gl;
     r->picture.load.api->stats(r->picture.gl, &gl);
     r->figures.gl_fronts = gl.fronts;
     r->figures.gl_sent_bytes = gl.sent_bytes;
+    out->sent_bytes = gl.sent_bytes - sent_before;
+    if (code == MN_OK && r->compared)
+        figures_compared(&r->figures, &out->likeness);
     return code;
 }
 
@@ -282,13 +314,12 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
         mn_path_camera(r->path, frame, frames, camera);
         mn_session_frame(r->session, camera, &stats);
         figures_frame(&r->figures, &stats);
-        const bool drawn = r->images_dir != NULL && frame % r->images_every == 0;
-        const uint64_t sent_before = r->figures.gl_sent_bytes;
+        figures_picture shown;
+        const bool drawn = r->picture.gl != NULL && frame % r->images_every == 0;
         if (drawn)
-            code = image(r, frame, camera, st);
+            code = draw(r, frame, camera, &shown, st);
         if (r->csv != NULL && code == MN_OK) {
-            const uint64_t sent = r->figures.gl_sent_bytes - sent_before;
-            figures_csv_row(r->csv, &stats, drawn ? &sent : NULL);
+            figures_csv_row(r->csv, &stats, drawn ? &shown : NULL);
             code = cli_written(r->csv, "--csv", r->csv_name, st);
         }
         if (frame % sample == 0)
@@ -325,7 +356,7 @@ static void finish(replay *r) {
     replay_figures *f = &r->figures;
     mn_session_drain(r->session);
     f->allocations_after_seal = cli_alloc_since_mark();
-    f->has_gl = r->images_dir != NULL;
+    f->has_gl = r->picture.gl != NULL;
     f->gl_rss_bytes = r->picture.load.rss_bytes;
     f->rss_peak_bytes = f->has_gl ? r->picture.load.own_peak_bytes : cli_rss_peak_bytes();
     f->store = r->options.desc.store;

@@ -141,7 +141,9 @@ static mn_code take(const shoot *s, mn_session *session, picture *p, mn_status *
     if (stats.changed)
         fprintf(stderr, "metanode: warning: not settled after %u frames; shown as it is\n",
                 settle_frames);
-    code = picture_write(p, session, &camera, &s->look, s->out, st);
+    code = picture_draw(p, session, &camera, &s->look, st);
+    if (code == MN_OK)
+        code = picture_png(p, s->out, st);
     if (code == MN_OK)
         report(s, session, p, &stats, settle_frames);
     return code;

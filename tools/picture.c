@@ -1,6 +1,7 @@
 /* See picture.h. Every call into the module is measured (gl_load.h). */
 #include "picture.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 void picture_desc(const mn_session *session, uint32_t width, uint32_t height, mn_gl_desc *out) {
@@ -29,8 +30,8 @@ mn_code picture_open(picture *p, const mn_session *session, uint32_t width, uint
     return code;
 }
 
-mn_code picture_write(picture *p, const mn_session *session, const mn_camera *camera,
-                      const mn_gl_look *look, const char *path, mn_status *st) {
+mn_code picture_draw(picture *p, const mn_session *session, const mn_camera *camera,
+                     const mn_gl_look *look, mn_status *st) {
     const mn_gl_api *api = p->load.api;
     mn_front front;
     mn_session_front(session, &front);
@@ -38,14 +39,44 @@ mn_code picture_write(picture *p, const mn_session *session, const mn_camera *ca
     mn_code code = api->front(p->gl, &front, st);
     if (code == MN_OK)
         code = api->draw(p->gl, camera, look, st);
-    if (code == MN_OK)
-        code = api->png(p->gl, path, st);
     gl_load_leave(&p->load, entered);
+    return code;
+}
+
+mn_code picture_png(picture *p, const char *path, mn_status *st) {
+    const uint64_t entered = gl_load_enter(&p->load);
+    const mn_code code = p->load.api->png(p->gl, path, st);
+    gl_load_leave(&p->load, entered);
+    return code;
+}
+
+/* RGBA becomes RGB where it lies. */
+static void drop_alpha(uint8_t *pixels, size_t count) {
+    for (size_t i = 1; i < count; i++)
+        memmove(pixels + 3 * i, pixels + 4 * i, 3);
+}
+
+mn_code picture_rgb(picture *p, const uint8_t **rgb, uint32_t *width, uint32_t *height,
+                    mn_status *st) {
+    const uint64_t entered = gl_load_enter(&p->load);
+    p->load.api->size(p->gl, width, height);
+    const size_t count = (size_t)*width * *height;
+    if (p->pixels == NULL)
+        p->pixels = malloc(4 * count);
+    mn_code code = p->pixels != NULL ? p->load.api->pixels(p->gl, p->pixels, st)
+                                     : mn_fail(st, MN_FAILED, "no memory for a picture of %u x %u",
+                                               *width, *height);
+    if (code == MN_OK)
+        drop_alpha(p->pixels, count);
+    gl_load_leave(&p->load, entered);
+    *rgb = p->pixels;
     return code;
 }
 
 void picture_close(picture *p) {
     if (p->gl != NULL)
         p->load.api->close(p->gl);
+    free(p->pixels);
     p->gl = NULL;
+    p->pixels = NULL;
 }

@@ -79,15 +79,25 @@ void figures_frame(replay_figures *f, const mn_frame_stats *frame) {
     spread_add(&f->error_px, frame->error_px);
 }
 
+void figures_compared(replay_figures *f, const mn_likeness *l) {
+    f->ssim_min = f->compared == 0 ? l->ssim : fmin(f->ssim_min, l->ssim);
+    f->compared++;
+    f->identical += l->difference_max == 0;
+    f->mean_square_sum += l->mean_square;
+    f->mean_square_max = fmax(f->mean_square_max, l->mean_square);
+    f->ssim_sum += l->ssim;
+    f->difference_max = max_of(f->difference_max, l->difference_max);
+}
+
 void figures_csv_header(FILE *csv) {
     fputs("frame,adapt,splits,collapses,active_nodes,triangles,front_over_wanted,tolerance_px,"
           "error_px,misses,miss_rate,refused_front,refused_budget,refused_pool,waits_dependency,"
           "reads,read_bytes,second_chances,prefetches,evictions,blocks_in_use,blocks_resident,"
-          "nav_ms,front_hash,gl_sent_bytes\n",
+          "nav_ms,front_hash,psnr_db,ssim,difference_max,gl_sent_bytes\n",
           csv);
 }
 
-void figures_csv_row(FILE *csv, const mn_frame_stats *f, const uint64_t *gl_sent_bytes) {
+void figures_csv_row(FILE *csv, const mn_frame_stats *f, const figures_picture *picture) {
     fprintf(csv, "%" PRIu32, f->frame);
     const uint64_t counts[] = {f->adapt, f->splits, f->collapses, f->active_nodes, f->triangles};
     for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++)
@@ -104,9 +114,15 @@ void figures_csv_row(FILE *csv, const mn_frame_stats *f, const uint64_t *gl_sent
                              f->blocks_in_use,    f->blocks_resident};
     for (size_t i = 0; i < sizeof more / sizeof more[0]; i++)
         fprintf(csv, ",%" PRIu64, more[i]);
-    fprintf(csv, ",%.4f,%016" PRIx64 ",", f->nav_ms, f->front_hash);
-    if (gl_sent_bytes != NULL)
-        fprintf(csv, "%" PRIu64, *gl_sent_bytes);
+    fprintf(csv, ",%.4f,%016" PRIx64, f->nav_ms, f->front_hash);
+    if (picture != NULL && picture->compared)
+        fprintf(csv, ",%.6g,%.8g,%" PRIu32, picture->likeness.psnr_db, picture->likeness.ssim,
+                picture->likeness.difference_max);
+    else
+        fputs(",,,", csv);
+    fputc(',', csv);
+    if (picture != NULL)
+        fprintf(csv, "%" PRIu64, picture->sent_bytes);
     fputc('\n', csv);
 }
 
@@ -191,6 +207,19 @@ static void json_totals(json *j, const mn_session_stats *t) {
     json_f64(j, "io_lock_hold_us_max", 1e-3 * (double)t->io_lock_hold_ns_max);
 }
 
+/* Beside the reference's. The PSNR of all frames is that of their mean square. */
+static void json_pictures(json *j, const replay_figures *f) {
+    static const char *const keys[] = {"psnr_db_min", "psnr_db_mean", "ssim_min", "ssim_mean"};
+    const double values[] = {mn_psnr_db(f->mean_square_max),
+                             mn_psnr_db(mean_of(f->mean_square_sum, f->compared)), f->ssim_min,
+                             mean_of(f->ssim_sum, f->compared)};
+    for (int i = 0; i < 4; i++)
+        json_f64(j, keys[i], f->compared > 0 ? values[i] : NAN);
+    json_u64(j, "pictures_compared", f->compared);
+    json_u64(j, "pictures_identical", f->identical);
+    json_u64(j, "difference_max", f->difference_max);
+}
+
 void figures_json(const replay_figures *f, FILE *out) {
     json j;
     json_begin(&j, out);
@@ -222,6 +251,7 @@ void figures_json(const replay_figures *f, FILE *out) {
         else
             json_null(&j, gl_keys[i]);
     }
+    json_pictures(&j, f);
     json_u64(&j, "allocations_after_seal", f->allocations_after_seal);
     json_str(&j, "store", store_name(f->store));
     if (f->has_foldovers) {
@@ -286,6 +316,13 @@ void figures_table(const replay_figures *f, FILE *out) {
                 "most\n",
                 t->nav_lock_waits, 1e-3 * (double)t->nav_lock_wait_ns_max,
                 1e-3 * (double)t->io_lock_hold_ns_max);
+    if (f->compared > 0)
+        fprintf(out,
+                "pictures   %" PRIu64 " of %" PRIu64 " the same as with everything resident; PSNR "
+                "%.2f dB at least, %.2f in all; SSIM %.5f at least, %.5f on average\n",
+                f->identical, f->compared, mn_psnr_db(f->mean_square_max),
+                mn_psnr_db(mean_of(f->mean_square_sum, f->compared)), f->ssim_min,
+                mean_of(f->ssim_sum, f->compared));
     fprintf(out, "memory     %.2f MB at the peak", mega(f->rss_peak_bytes));
     if (f->has_gl)
         fprintf(out, "; GL %.2f MB apart, %.1f kB sent a picture", mega(f->gl_rss_bytes),

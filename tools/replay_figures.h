@@ -5,6 +5,7 @@
 
 #include <stdio.h>
 
+#include "metanode/gl.h"
 #include "metanode/runtime.h"
 
 /* A distribution of numbers ≥ 0: a bin for each float's upper 15 bits, so quantiles are within
@@ -28,6 +29,11 @@ typedef struct replay_figures {
     uint64_t gl_fronts,
         gl_sent_bytes; /* handed to the driver: by the command, a picture at a time */
 
+    /* of pictures beside the reference's */
+    uint64_t compared, identical;
+    double mean_square_sum, mean_square_max, ssim_sum, ssim_min;
+    uint32_t difference_max;
+
     /* filled by the command at the end */
     uint64_t opening_frames, opening_misses, opening_reads; /* before the first frame */
     double opening_seconds;
@@ -42,10 +48,18 @@ typedef struct replay_figures {
     mn_prefetch prefetch;
 } replay_figures;
 
+/* Of a frame's picture. */
+typedef struct figures_picture {
+    uint64_t sent_bytes; /* to the driver */
+    bool compared;
+    mn_likeness likeness; /* to the reference's */
+} figures_picture;
+
 void figures_frame(replay_figures *figures, const mn_frame_stats *frame);
+void figures_compared(replay_figures *figures, const mn_likeness *likeness);
 void figures_csv_header(FILE *csv);
-/* gl_sent_bytes: for the frame's picture; NULL: it has none. */
-void figures_csv_row(FILE *csv, const mn_frame_stats *frame, const uint64_t *gl_sent_bytes);
+/* picture: NULL: the frame has none. */
+void figures_csv_row(FILE *csv, const mn_frame_stats *frame, const figures_picture *picture);
 void figures_json(const replay_figures *figures, FILE *out);
 /* What the cap was turned into: a line, for the start. */
 void figures_plan(const mn_plan *plan, uint32_t block_bytes_max, FILE *out);

@@ -2,6 +2,7 @@
  * whatever the store, and one clear line with the right exit where there can be none.
  * Method: the program itself on small models; PNGs read back. Skipped without EGL. */
 #include <check.h>
+#include <math.h>
 #include <png.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -171,6 +172,104 @@ START_TEST(replays_with_pictures) {
 }
 END_TEST
 
+static double json_value(const char *key) {
+    char quoted[64];
+    snprintf(quoted, sizeof quoted, "\"%s\": ", key);
+    const char *at = strstr(output(), quoted);
+    ck_assert_msg(at != NULL, "no %s: %s", key, output());
+    return strncmp(at + strlen(quoted), "null", 4) == 0 ? (double)NAN : atof(at + strlen(quoted));
+}
+
+/* The columns psnr_db, ssim and difference_max of a row of frames.csv; false: they are empty. */
+static bool csv_likeness(uint32_t frame, double out[3]) {
+    char name[64], row[2048];
+    snprintf(name, sizeof name, "%s/frames.csv", dir);
+    FILE *f = fopen(name, "r");
+    ck_assert_ptr_nonnull(f);
+    int column = 0, wanted = -1;
+    ck_assert_ptr_nonnull(fgets(row, sizeof row, f));
+    for (char *at = row; at != NULL; at = strchr(at, ','), at += at != NULL, column++)
+        if (strncmp(at, "psnr_db,ssim,difference_max,", 28) == 0)
+            wanted = column;
+    ck_assert_int_gt(wanted, 0);
+    for (uint32_t i = 0; i <= frame; i++)
+        ck_assert_ptr_nonnull(fgets(row, sizeof row, f));
+    fclose(f);
+    char *at = row;
+    for (int i = 0; i < wanted; i++)
+        at = strchr(at, ',') + 1;
+    return sscanf(at, "%lf,%lf,%lf", &out[0], &out[1], &out[2]) == 3;
+}
+
+/* A run that has all it wants is the reference; what one says that has not is what compare says of
+ * its pictures and those of shoot, and the sums are those of the rows. */
+START_TEST(beside_the_reference) {
+    if (no_egl)
+        return;
+    run("replay ../globe.mnt --path dive --frames 5 --size 64x48 --barrier --reference --json "
+        "--images-every 2");
+    ck_assert_double_eq(json_value("pictures_compared"), 3);
+    ck_assert_double_eq(json_value("pictures_identical"), 3);
+    ck_assert_double_eq(json_value("ssim_min"), 1);
+    ck_assert(isnan(json_value("psnr_db_min")) && isnan(json_value("psnr_db_mean")));
+
+    double row[3], least = INFINITY, squares = 0, ssim_sum = 0, largest = 0;
+    run("replay ../globe.mnt --path orbit --frames 4 --size 64x48 --barrier --reference --json -K "
+        "min "
+        "--degrade off --tolerance 0.5 --ram 16M --images frames --csv frames.csv");
+    ck_assert_double_eq(json_value("pictures_compared"), 4);
+    ck_assert_double_eq(json_value("pictures_identical"), 0);
+    ck_assert_double_le(json_value("rss_peak_bytes"), 16 << 20);
+    const double psnr_min = json_value("psnr_db_min"), psnr_mean = json_value("psnr_db_mean");
+    const double ssim_mean = json_value("ssim_mean"), difference = json_value("difference_max");
+    for (uint32_t frame = 0; frame < 4; frame++) {
+        ck_assert(csv_likeness(frame, row));
+        least = row[0] < least ? row[0] : least;
+        squares += 65025 / pow(10, row[0] / 10) / 4;
+        ssim_sum += row[1] / 4;
+        largest = row[2] > largest ? row[2] : largest;
+    }
+    ck_assert_double_eq_tol(psnr_min, least, 1e-3);
+    ck_assert_double_eq_tol(psnr_mean, 10 * log10(65025 / squares), 1e-3);
+    ck_assert_double_eq_tol(ssim_mean, ssim_sum, 1e-6);
+    ck_assert_double_eq(difference, largest);
+    ck_assert_double_lt(row[1], 0.999);
+
+    run("shoot ../globe.mnt --path orbit --frames 4 --frame 3 --size 64x48 --store resident "
+        "--tolerance 0.5 -o all.png");
+    run("compare frames/frame-000003.png all.png --json");
+    ck_assert_double_eq_tol(json_value("psnr_db"), row[0], 1e-3);
+    ck_assert_double_eq_tol(json_value("ssim"), row[1], 1e-6);
+    ck_assert_double_eq(json_value("difference_max"), row[2]);
+    run("compare all.png all.png");
+    ck_assert_ptr_nonnull(strstr(output(), "64 x 48 pixels, the same\n"));
+
+    run("replay ../globe.mnt --path orbit --frames 2 --size 64x48 --json --csv frames.csv --fps 0");
+    ck_assert(isnan(json_value("ssim_mean")) && !csv_likeness(1, row));
+}
+END_TEST
+
+/* The process that draws the reference is killed in the middle: one line, and an end. */
+START_TEST(reference_goes) {
+    if (no_egl)
+        return;
+    char command[800];
+    snprintf(
+        command, sizeof command,
+        "cd %s && { '%s' replay ../globe.mnt --path orbit --frames 1000000 --size 64x48 --fps 0 "
+        "--reference --json >out 2>&1 & } && for i in $(seq 300); do sleep 0.1; "
+        "child=$(grep -lE \"^PPid:[[:space:]]$!$\" /proc/[0-9]*/status 2>/dev/null | head -n 1 | "
+        "cut -d/ -f3); [ -z \"$child\" ] || break; done; "
+        "kill -9 $child; wait $!",
+        dir, getenv("METANODE"));
+    const int status = system(command);
+    ck_assert(WIFEXITED(status));
+    ck_assert_int_eq(WEXITSTATUS(status), 1);
+    ck_assert_msg(strstr(output(), "--reference: the process that draws it has gone") != NULL, "%s",
+                  output());
+}
+END_TEST
+
 /* Exit code and a word that the one line must have. */
 START_TEST(says_what_is_wrong) {
     if (no_egl)
@@ -193,11 +292,24 @@ START_TEST(says_what_is_wrong) {
         {"shoot ../globe.mnt --store resident -o a.png", "METANODE_EGL=no", 6, "METANODE_EGL"},
         {"replay ../globe.mnt --path orbit --frames 1 --store resident --images f",
          "METANODE_HELPER_DIR=/nowhere", 6, "/nowhere/metanode-gl.so"},
+        {"replay ../globe.mnt --path orbit --frames 1 --reference", "METANODE_HELPER_DIR=/nowhere",
+         6, "--reference: no graphics"},
+        {"compare skip.png ../globe.mnt", "", 3, "give two meshes or two pictures"},
+        {"compare skip.png large.png", "", 3, "skip.png has 8 x 8 pixels and large.png 9 x 8"},
+        {"compare skip.png false.png", "", 3, "false.png: not a PNG"},
+        {"compare skip.png none.png", "", 3, "none.png"},
+        {"compare skip.png skip.png --samples 5", "", 2, "for meshes"},
         {"view ../globe.mnt --store resident", "-u DISPLAY -u WAYLAND_DISPLAY", 6,
          "metanode shoot"},
         {"view ../globe.mnt --store resident", "-u WAYLAND_DISPLAY DISPLAY=:987", 6,
          "metanode shoot"},
     };
+    run("shoot ../globe.mnt --store resident --size 9x8 -o large.png");
+    ck_assert_int_eq(metanode("info ../globe.mnt", ""), 0);
+    char made[96], name[96];
+    snprintf(made, sizeof made, "%s/out", dir);
+    snprintf(name, sizeof name, "%s/false.png", dir);
+    ck_assert_int_eq(rename(made, name), 0);
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         const int code = metanode(wrong[i].arguments, wrong[i].environment);
         const char *said = output();
@@ -236,6 +348,8 @@ int main(void) {
     tcase_add_test(tc, shoots_the_same_from_every_store);
     tcase_add_test(tc, looks_differ);
     tcase_add_test(tc, replays_with_pictures);
+    tcase_add_test(tc, beside_the_reference);
+    tcase_add_test(tc, reference_goes);
     tcase_add_test(tc, says_what_is_wrong);
     suite_add_tcase(suite, tc);
     const int failed = suite_run(suite);
