@@ -157,9 +157,10 @@ typedef struct mn_session_stats {
     uint64_t blocks_checked; /* of those read: others had been, with the same bytes */
     uint64_t checksum_failures, io_errors;
     uint64_t nav_lock_waits, nav_lock_wait_ns_max; /* Navigate's waits for a lock, in frames */
-    uint64_t
-        io_busy_ns;     /* in which reads were in flight, or their blocks looked at; 0: simulated */
-    uint64_t io_cpu_ns; /* of the processor, of the I/O thread; 0: simulated */
+    /* Of reads that were in flight, or whose blocks were looked at; 0: simulated */
+    uint64_t io_busy_ns;          /* while there were any */
+    uint64_t io_depth_ns;         /* summed over them: over the first, how many on average */
+    uint64_t io_cpu_ns;           /* of the processor, of the I/O thread; 0: simulated */
     uint64_t io_lock_hold_ns_max; /* longest hold of the pool's by the I/O thread */
 } mn_session_stats;
 

@@ -200,6 +200,11 @@ static inline void get_way(const mni_block *view, mni_child *exit) {
     exit->subtree = get(view->edge, view->exit_rows, row, FIELD_SUBTREE);
 }
 
+void mni_block_way(const mni_block *view, mni_child *exit) {
+    MN_ASSERT(exit->exit < view->exits);
+    get_way(view, exit);
+}
+
 void mni_block_exit(const mni_block *view, uint32_t exit, mni_child *out) {
     MN_ASSERT(exit < view->exits);
     out->kind = MNI_CHILD_SUBTREE;

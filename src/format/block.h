@@ -135,6 +135,8 @@ void mni_block_split(const mni_block *view, uint32_t node, const mni_place *at, 
 /* A node's own facts alone. */
 void mni_block_facts(const mni_block *view, uint32_t node, mni_facts *out);
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out);
+/* Where a child that mni_block_split has found, of kind SUBTREE, leads: ref and subtree. */
+void mni_block_way(const mni_block *view, mni_child *exit);
 /* An exit alone: a child of kind SUBTREE. */
 void mni_block_exit(const mni_block *view, uint32_t exit, mni_child *out);
 /* Simplex i of a node as mni_block_node gave it: three leaf ids in the input's cyclic order; the

@@ -1,21 +1,23 @@
 /* Blocks that have been looked at. See seen.h.
  *
- * Hides: how a digest is made. Bytes are taken seven at a time, as numbers below the modulus, and
- * are the coefficients of four polynomials in the fourth power of the point, side by side so that
- * multiplications overlap; they become one, and what is left, the block's place and its length are
- * its last coefficients. So different blocks are different polynomials, and agree at as many points
- * as the degree says at most. No order of calls after open; paper: none. */
+ * Hides: how a digest is made. The first step does the work, a multiplication of 32 bits for each 8
+ * bytes and key; the second has three coefficients a piece. No order of calls after open; paper:
+ * none. */
 #include "seen.h"
 
 #include <string.h>
 #include <sys/random.h>
+#if defined(__SSE2__)
+#include <emmintrin.h>
+#endif
 
 #include "assert.h"
 
 __extension__ typedef unsigned __int128 wide;
 
 #define PRIME ((UINT64_C(1) << 61) - 1)
-enum { TAKEN = 7, LANES = 4, GROUP = LANES * TAKEN, ENTRIES_MIN = 16 };
+enum { ENTRIES_MIN = 16, PIECE_BYTES = 8 * MNI_SEEN_PIECE };
+_Static_assert(MN_PAGE_BYTES % PIECE_BYTES == 0, "blocks are whole pieces");
 #define KNOWN (UINT64_C(1) << 63) /* in a digest: so that none is 0 */
 
 static uint32_t entries_for(uint32_t entries_max) {
@@ -39,38 +41,62 @@ static uint64_t step(uint64_t value, uint64_t factor, uint64_t next) {
 
 void mni_seen_open(mni_seen *seen, uint32_t entries_max, mni_arena *arena) {
     uint32_t entries = entries_for(entries_max);
-    uint64_t drawn = 0;
+    uint64_t drawn[MNI_SEEN_PIECE + 2];
     *seen =
         (mni_seen){.digest = mni_arena_take(arena, entries, sizeof(uint64_t), _Alignof(uint64_t)),
                    .shift = 32 - (uint32_t)__builtin_ctz(entries)};
-    if (getrandom(&drawn, sizeof drawn, GRND_NONBLOCK) != sizeof drawn)
+    if (getrandom(drawn, sizeof drawn, GRND_NONBLOCK) != sizeof drawn)
         return;
-    seen->point = (drawn & PRIME) % PRIME;
-    uint64_t square = step(seen->point, seen->point, 0);
-    seen->point4 = step(square, square % PRIME, 0) % PRIME;
+    seen->point = (drawn[0] & PRIME) % PRIME;
+    memcpy(seen->key, drawn + 1, sizeof seen->key);
 }
 
-static uint64_t take(const unsigned char *from) {
-    uint64_t word;
-    memcpy(&word, from, sizeof word);
-    return word & ((UINT64_C(1) << 8 * TAKEN) - 1);
+#if defined(__SSE2__)
+static __m128i products(__m128i words, const uint64_t *key) {
+    const __m128i sums = _mm_add_epi32(words, _mm_loadu_si128((const void *)key));
+    return _mm_mul_epu32(sums, _mm_srli_epi64(sums, 32));
 }
+
+/* A piece's 128 bits. */
+static void shorten(const mni_seen *seen, const unsigned char *piece, uint64_t sum[2]) {
+    __m128i first = _mm_setzero_si128(), second = first;
+    for (size_t i = 0; i < MNI_SEEN_PIECE; i += 2) {
+        const __m128i words = _mm_loadu_si128((const void *)(piece + 8 * i));
+        first = _mm_add_epi64(first, products(words, seen->key + i));
+        second = _mm_add_epi64(second, products(words, seen->key + i + 1));
+    }
+    uint64_t lanes[4];
+    _mm_storeu_si128((void *)lanes, first);
+    _mm_storeu_si128((void *)(lanes + 2), second);
+    sum[0] = lanes[0] + lanes[1];
+    sum[1] = lanes[2] + lanes[3];
+}
+#else
+static uint64_t product(uint64_t word, uint64_t key) {
+    return (uint64_t)((uint32_t)word + (uint32_t)key) *
+           ((uint32_t)(word >> 32) + (uint32_t)(key >> 32));
+}
+
+static void shorten(const mni_seen *seen, const unsigned char *piece, uint64_t sum[2]) {
+    sum[0] = sum[1] = 0;
+    for (size_t i = 0; i < MNI_SEEN_PIECE; i++) {
+        uint64_t word;
+        memcpy(&word, piece + 8 * i, sizeof word);
+        sum[0] += product(word, seen->key[i]);
+        sum[1] += product(word, seen->key[i + 1]);
+    }
+}
+#endif
 
 uint64_t mni_seen_digest(const mni_seen *seen, mn_block_ref ref, const void *bytes) {
-    const unsigned char *from = bytes;
     const size_t length_bytes = (size_t)ref.pages * MN_PAGE_BYTES;
-    const uint64_t point = seen->point, point4 = seen->point4;
-    uint64_t lane[LANES] = {0}, value = 0;
-    size_t at = 0;
-    for (; at + GROUP + 1 <= length_bytes; at += GROUP) /* words are read a byte past their part */
-        for (int i = 0; i < LANES; i++)
-            lane[i] = step(lane[i], point4, take(from + at + (size_t)i * TAKEN));
-    for (int i = 0; i < LANES; i++)
-        value = step(value, point, lane[i] % PRIME);
-    for (; at < length_bytes; at += TAKEN) {
-        uint64_t word = 0;
-        memcpy(&word, from + at, length_bytes - at < TAKEN ? length_bytes - at : TAKEN);
-        value = step(value, point, word);
+    const uint64_t point = seen->point, low = (UINT64_C(1) << 56) - 1;
+    uint64_t value = 0, sum[2];
+    for (size_t at = 0; at < length_bytes; at += PIECE_BYTES) {
+        shorten(seen, (const unsigned char *)bytes + at, sum);
+        value = step(value, point, sum[0] & low);
+        value = step(value, point, sum[1] & low);
+        value = step(value, point, sum[0] >> 56 << 8 | sum[1] >> 56);
     }
     value = step(value, point, ref.id);
     value = step(value, point, ref.pages);

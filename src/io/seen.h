@@ -1,11 +1,14 @@
 /* Blocks whose bytes have been looked at and found sound: come again as they were, they need no
  * second look.
  *
- * A block is known by its place and a digest of its bytes: a polynomial over the integers modulo
- * 2^61 - 1 at a point that is drawn at random for the session and never shown. Two different blocks
- * have one digest at a share of at most (length / 7 + 3) / 2^61 of all points (2^-50 for 8 KiB),
- * whatever their bytes: so whoever writes to the file while it is read, and knows all but the
- * point, passes no bytes unseen but by that chance. Bytes at first sight are never known.
+ * A block is known by its place and a digest of its bytes, in two steps under keys that are drawn
+ * at random for the session and never shown. Each piece of 1 KiB becomes 128 bits by products of
+ * its halves of words with a key added (NH, of UMAC, RFC 4418, twice with the key moved by a word):
+ * two different pieces become the same under a share of 2^-64 of all keys. These bits, place and
+ * length are the coefficients of a polynomial modulo 2^61 - 1, taken at a secret point: two
+ * different ones agree at a share of at most (3 pieces + 2) / 2^61 of all points. So whoever writes
+ * to the file while it is read, and knows all but the keys, passes no bytes unseen but by a chance
+ * of 2^-56 for 8 KiB. Bytes at first sight are never known.
  *
  * Threads: one (I/O). Memory: 8 bytes an entry, from the arena; blocks that share an entry forget
  * each other. */
@@ -19,11 +22,13 @@
 #include "mem.h"
 #include "metanode/format.h"
 
+enum { MNI_SEEN_PIECE = 128 }; /* words of 8 bytes */
+
 typedef struct mni_seen {
     uint64_t *digest; /* by place; 0: none */
     uint32_t shift;
-    uint64_t point, point4; /* the point and its fourth power; 0: no random numbers here, so nothing
-                               is ever known */
+    uint64_t point; /* 0: no random numbers here, so nothing is ever known */
+    uint64_t key[MNI_SEEN_PIECE + 1];
 } mni_seen;
 
 /* entries_max: a power of two is made of it, at least 16. */

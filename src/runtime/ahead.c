@@ -66,6 +66,7 @@ void mni_ahead_begin(mni_ahead *a, const mn_camera *camera, const mni_lens *now,
     const bool jumped = length_of(step) > JUMP_SHARE * (float)size &&
                         length_of(step) > JUMP_TIMES * length_of(a->step);
     a->look.now = a->look.ahead = *now;
+    a->look.coordinate_max = coordinate_max;
     a->look.moves =
         a->has_last && !jumped && mni_ahead_extrapolate(a, camera, MNI_AHEAD_HORIZON, &there);
     if (a->look.moves) {

@@ -15,6 +15,7 @@
 
 enum {
     SEEN_TIMES = 8,
+    ACTS = 8,               /* blocks looked at before the disk is given more to read */
     FRUITLESS_MAX = 32,     /* EAGAIN and the like in a row, before a read has failed */
     PAUSE_NS = 1000 * 1000, /* when the kernel has no room for any read */
     FIRST_READS_MAX =
@@ -54,12 +55,21 @@ static uint64_t now_ns(void) {
     return mni_clock_ns(CLOCK_MONOTONIC);
 }
 
+/* Reads come to be under way, or end. */
+static void busy_add(mni_ioloop *loop, int32_t reads) {
+    const uint64_t at_ns = now_ns(), since_ns = at_ns - loop->busy_since_ns;
+    if (loop->busy > 0) {
+        loop->news.busy_ns += since_ns;
+        loop->news.depth_ns += since_ns * loop->busy;
+    }
+    loop->busy_since_ns = at_ns;
+    loop->busy += (uint32_t)reads;
+}
+
 static void request_free(mni_ioloop *loop, mni_request *request) {
     MN_ASSERT(request->state != MNI_REQUEST_FREE && loop->busy > 0);
     request->state = MNI_REQUEST_FREE;
-    loop->busy--;
-    if (loop->busy == 0)
-        loop->news.busy_ns += now_ns() - loop->busy_since_ns;
+    busy_add(loop, -1);
 }
 
 static void fail(mni_ioloop *loop, mni_request *request, bool io, const char *why) {
@@ -231,7 +241,6 @@ static bool next_command(mni_ioloop *loop, uint32_t depth, mni_command *out) {
         loop->fetched_count = mni_board_fetch(loop->board, loop->fetched,
                                               room < MNI_DISK_DEPTH ? room : MNI_DISK_DEPTH);
     }
-    loop->stalled = false;
     if (loop->next < loop->fetched_count) {
         *out = loop->fetched[loop->next++];
         return true;
@@ -250,8 +259,7 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
         MN_ASSERT(tag < MNI_DISK_DEPTH);
         loop->request[tag] =
             (mni_request){.state = MNI_REQUEST_AGAIN, .command = *command, .load = load};
-        if (loop->busy++ == 0)
-            loop->busy_since_ns = now_ns();
+        busy_add(loop, 1);
         return true;
     }
     case MNI_BEGIN_RESIDENT:
@@ -266,7 +274,6 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
         break;
     }
     MN_ASSERT(command->kind != MNI_COMMAND_PREFETCH && loop->next > 0);
-    loop->stalled = true;
     loop->next--;
     return false;
 }
@@ -280,6 +287,28 @@ static void begin_all(mni_ioloop *loop) {
             break;
 }
 
+static void fetch(const mni_ioloop *loop, const mni_done *done) {
+    const mni_load *load = &loop->request[done->tag].load;
+    for (uint32_t at = 0; at < load->ref.pages * MN_PAGE_BYTES; at += 64)
+        __builtin_prefetch(load->bytes + at);
+}
+
+/* What has come may have scouts, or places for those that wait; and the disk must not stand idle
+ * while blocks are looked at: so it is given more to read again and again. What a disk has written
+ * is in no cache: while one block is looked at, the next one is fetched. */
+static void act_all(mni_ioloop *loop, const mni_done *done, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        if (i + 1 < count)
+            fetch(loop, &done[i + 1]);
+        act(loop, &done[i]);
+        if ((i + 1) % ACTS != 0 && i + 1 < count)
+            continue;
+        begin_all(loop);
+        if (submit_all(loop) > 0 && i + 1 < count)
+            (void)loop->disk->method->collect(loop->disk->self, NULL, 0, false);
+    }
+}
+
 static bool step(mni_ioloop *loop, bool wait) {
     begin_all(loop);
     uint32_t in_flight = submit_all(loop);
@@ -290,12 +319,7 @@ static bool step(mni_ioloop *loop, bool wait) {
     mni_done done[MNI_DISK_DEPTH];
     uint32_t count =
         loop->disk->method->collect(loop->disk->self, done, MNI_DISK_DEPTH, wait && in_flight > 0);
-    for (uint32_t i = 0; i < count; i++)
-        act(loop, &done[i]);
-    if (count > 0) {
-        begin_all(loop); /* what has come may have scouts, or places for those that wait */
-        (void)submit_all(loop);
-    }
+    act_all(loop, done, count);
     if (loop->cpu_ns != UINT64_MAX) {
         uint64_t cpu_ns = mni_clock_ns(CLOCK_THREAD_CPUTIME_ID);
         loop->news.cpu_ns = cpu_ns - loop->cpu_ns;

@@ -49,9 +49,8 @@ typedef struct mni_ioloop {
     uint32_t busy;                       /* requests that are not FREE */
     mni_command fetched[MNI_DISK_DEPTH]; /* from the board, [next, fetched_count) not begun yet */
     uint32_t next, fetched_count;
-    bool stalled; /* the next one is urgent and waits for a place */
     mni_board_news news;
-    uint64_t busy_since_ns; /* busy has been above 0 */
+    uint64_t busy_since_ns; /* busy has been what it is */
     uint64_t cpu_ns;        /* of this thread, told so far; UINT64_MAX: it has none of its own */
     mni_seen seen;          /* blocks that have been checked */
     mni_scouts scouts;

@@ -319,7 +319,10 @@ static void stats(void *self, mn_session_stats *out) {
     out->io_lock_hold_ns_max = pool.io_lock_hold_ns_max;
     out->blocks_checked = counts.checked;
     out->io_cpu_ns = counts.cpu_ns;
-    out->io_busy_ns = p->disk.method->own_time ? 0 : counts.busy_ns;
+    if (!p->disk.method->own_time) {
+        out->io_busy_ns = counts.busy_ns;
+        out->io_depth_ns = counts.depth_ns;
+    }
     out->prefetches = counts.posted[MNI_COMMAND_PREFETCH];
     out->urgent_up = counts.posted[MNI_COMMAND_URGENT_UP];
     out->urgent_down = counts.posted[MNI_COMMAND_URGENT_DOWN];

@@ -196,7 +196,7 @@ static uint32_t check_block(const model *m, const mn_header *header, const mni_l
                 }
                 ck_assert(noted);
                 if (own >= 1.05 * (double)least)
-                    ck_assert_double_ge((double)urgency[child->ref], 0.9 * own);
+                    ck_assert_double_ge((double)urgency[child->ref], fmin(0.9 * own, 1));
                 seen++;
             }
         }
