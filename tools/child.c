@@ -23,7 +23,7 @@
 
 #include "cli.h"
 
-enum { CHILDREN_MAX = 8, OUTPUT_MAX = 1 << 20 };
+enum { CHILDREN_MAX = 8, OUTPUT_MAX = 1 << 24 };
 
 static double now_s(void) {
     struct timespec t;
@@ -103,14 +103,15 @@ mn_code child_start(child *c, const char *const *argv, bool own_errors, mn_statu
 
 /* ---- end ------------------------------------------------------------------------------------- */
 
-/* What stands in the file, as a string; "" where it cannot be read. */
-static char *text_of(int fd) {
+/* What stands in the file, and a 0 behind it; "" where it cannot be read. */
+static char *text_of(int fd, size_t *length_bytes) {
     const off_t length = fd < 0 ? 0 : lseek(fd, 0, SEEK_END);
     const size_t bytes = length < 0 ? 0 : length > OUTPUT_MAX ? OUTPUT_MAX : (size_t)length;
     char *text = malloc(bytes + 1);
     ssize_t got = text != NULL && bytes > 0 ? pread(fd, text, bytes, 0) : 0;
+    *length_bytes = got > 0 ? (size_t)got : 0;
     if (text != NULL)
-        text[got > 0 ? got : 0] = 0;
+        text[*length_bytes] = 0;
     return text;
 }
 
@@ -132,8 +133,9 @@ static mn_code take_end(child *c, int status, const struct rusage *usage, child_
     end->code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     end->cpu_seconds = (double)(usage->ru_utime.tv_sec + usage->ru_stime.tv_sec) +
                        1e-6 * (double)(usage->ru_utime.tv_usec + usage->ru_stime.tv_usec);
-    end->out = text_of(c->out_fd);
-    char *errors = text_of(c->err_fd);
+    size_t error_bytes;
+    end->out = text_of(c->out_fd, &end->out_bytes);
+    char *errors = text_of(c->err_fd, &error_bytes);
     if (errors != NULL)
         take_last_line(errors, end);
     if (WIFSIGNALED(status))

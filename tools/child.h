@@ -21,8 +21,9 @@ typedef struct child_end {
     int code;           /* its exit code; 128 + signal: killed by it */
     double seconds;     /* from start to end, by the clock */
     double cpu_seconds; /* of the processor, what it has waited for included */
-    char *out;          /* what it printed on standard output; "" at least */
-    char says[400];     /* the last line of its errors, without "metanode: "; or how it ended */
+    char *out;          /* what it printed on standard output, out_bytes and a 0 */
+    size_t out_bytes;
+    char says[400]; /* the last line of its errors, without "metanode: "; or how it ended */
 } child_end;
 
 /* From now on SIGINT, SIGTERM and SIGHUP come in child_wait only, so that none falls between a look

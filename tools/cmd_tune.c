@@ -53,6 +53,28 @@ static mn_code table_file(const tune *t, const tune_findings *f, mn_status *st) 
     return cli_written_all(out, "tune:", path, st);
 }
 
+static mn_code tell(const tune *t, const tune_findings *f, mn_status *st) {
+    tune_plots *plots = calloc(1, sizeof *plots);
+    if (plots == NULL)
+        return mn_fail(st, MN_FAILED, "tune: no memory for plots");
+    mn_code code = table_file(t, f, st);
+    if (code == MN_OK)
+        code = tune_plots_make(t, f, plots, st);
+    if (code == MN_OK)
+        code = tune_report(t, f, plots, st);
+    if (code == MN_OK && plots->says[0] != 0)
+        fprintf(stderr, "metanode: warning: %s\n", plots->says);
+    if (code == MN_OK && t->o.json)
+        tune_json(t, f, stdout);
+    else if (code == MN_OK)
+        tune_table(t, f, stdout);
+    if (code == MN_OK && !t->o.json)
+        printf("\n%s/report.html: all of it, with %u plots\n", t->o.folder, plots->count);
+    tune_plots_free(plots);
+    free(plots);
+    return code;
+}
+
 static mn_code run(tune *t, mn_status *st) {
     tune_findings f = {0};
     mn_code code = tune_folder_open(t, st);
@@ -61,11 +83,7 @@ static mn_code run(tune *t, mn_status *st) {
     if (code == MN_OK)
         code = sweep(t, &f, st);
     if (code == MN_OK)
-        code = table_file(t, &f, st);
-    if (code == MN_OK && t->o.json)
-        tune_json(t, &f, stdout);
-    else if (code == MN_OK)
-        tune_table(t, &f, stdout);
+        code = tell(t, &f, st);
     tune_findings_free(&f);
     tune_folder_close(t);
     return code;

@@ -231,9 +231,52 @@ typedef struct tune_findings {
 } tune_findings;
 mn_code tune_find(const tune *t, tune_findings *f, mn_status *st);
 void tune_findings_free(tune_findings *f);
+/* Columns of the two tables, as readers want figures. */
+enum { TUNE_COLUMNS = 15, TUNE_LAYOUT_COLUMNS = 7, TUNE_TEXT_MAX = 24 };
+typedef struct tune_column {
+    const char *head;
+    int width;         /* in characters; below 0: flush left */
+    const char *means; /* for who does not know */
+} tune_column;
+extern const tune_column tune_columns[TUNE_COLUMNS], tune_layout_columns[TUNE_LAYOUT_COLUMNS];
+typedef char tune_text[TUNE_TEXT_MAX];
+/* Errors on the screen of what the eye passes through are of any size; none: no bound. */
+void tune_pixels(double px, tune_text text);
+/* How many columns the texts fill: the rest is c->says, or l->says. */
+int tune_cell_texts(const tune *t, const tune_cell *c, tune_text *text);
+int tune_layout_texts(const tune_layout *l, tune_text *text);
+/* Is the cell one of the table of that path and rule? */
+bool tune_cell_is_of(const tune_cell *c, uint32_t path, mn_prefetch rule);
+/* "p99 up to 4 ms, least error" */
+void tune_want_words(const tune_want *w, char *text, size_t room);
+/* The best setting of those with such a cap and number of place holders. */
+const tune_setting *tune_best_of(const tune *t, const tune_findings *f, uint32_t cap,
+                                 uint32_t places);
 void tune_table(const tune *t, const tune_findings *f, FILE *out);
 void tune_json(const tune *t, const tune_findings *f, FILE *out);
 /* "error 2.1 px, misses 0.10 %, …" */
 void tune_setting_words(const tune *t, const tune_setting *s, char *text, size_t room);
+
+/* ---- plots (tune_plots.c) and the page (tune_report.c) ----------------------------------------
+ */
+
+enum { TUNE_PLOTS_MAX = 256 };
+typedef struct tune_plot {
+    char name[TUNE_NAME_MAX];
+    uint32_t width, height; /* pixels */
+    char *svg;
+    size_t svg_bytes;
+} tune_plot;
+typedef struct tune_plots {
+    tune_plot plot[TUNE_PLOTS_MAX];
+    uint32_t count;
+    bool off[2];    /* SVGs, PNGs: gnuplot does not make them */
+    char says[300]; /* why some are missing; empty: none is */
+} tune_plots;
+/* Scripts, SVGs and PNGs in DIR/plots. That gnuplot is missing is no failure. */
+mn_code tune_plots_make(const tune *t, const tune_findings *found, tune_plots *p, mn_status *st);
+void tune_plots_free(tune_plots *p);
+/* DIR/report.html: all of it in one file. */
+mn_code tune_report(const tune *t, const tune_findings *found, const tune_plots *p, mn_status *st);
 
 #endif

@@ -36,72 +36,102 @@ void tune_setting_words(const tune *t, const tune_setting *s, char *text, size_t
              c->figure[TUNE_K], t->o.places[c->places].text, cap, tune_prefetch_name(c->prefetch));
 }
 
-/* ---- text ------------------------------------------------------------------------------------ */
-
-static void layouts_table(const tune *t, FILE *out) {
-    fprintf(out, "\n%-12s %9s %8s %6s %9s %12s %6s\n", "layout", "blocks", "block KB", "fill %",
-            "file MB", "bytes/vertex", "depth");
-    for (uint32_t i = 0; i < t->layouts; i++) {
-        const tune_layout *l = &t->layout[i];
-        const mn_header *h = &l->header;
-        if (l->code != MN_OK)
-            fprintf(out, "%-12s none: %s\n", l->name, l->says);
-        else
-            fprintf(out, "%-12s %9u %8.0f %6.1f %9.2f %12.1f %6u\n", l->name, h->blocks,
-                    h->block_bytes_max / 1024.0, 100 * h->fill_mean, mega((double)h->file_bytes),
-                    (double)h->file_bytes / h->leaves, h->block_depth);
-    }
+const tune_setting *tune_best_of(const tune *t, const tune_findings *f, uint32_t cap,
+                                 uint32_t places) {
+    tune_setting *some = calloc(f->settings + 1, sizeof *some);
+    size_t count = 0;
+    for (size_t i = 0; i < f->settings && some != NULL; i++)
+        if (f->setting[i].cell->cap == cap && f->setting[i].cell->places == places)
+            some[count++] = f->setting[i];
+    const tune_setting *found = some != NULL ? tune_choose(some, count, &t->o.want) : NULL;
+    const tune_cell *cell = found != NULL ? found->cell : NULL;
+    free(some);
+    for (size_t i = 0; i < f->settings && cell != NULL; i++)
+        if (f->setting[i].cell == cell)
+            return &f->setting[i];
+    return NULL;
 }
 
-/* Errors on the screen of what the eye passes through are of any size. */
-static const char *pixels(double px, char text[16]) {
-    snprintf(text, 16, isinf(px) ? "none" : px < 10000 ? "%.2f" : "%.1e", px);
-    return text;
+/* ---- texts ----------------------------------------------------------------------------------- */
+
+const tune_column tune_layout_columns[TUNE_LAYOUT_COLUMNS] = {
+    {"layout", -12, "levels: meta-nodes of L levels; packed: blocks of so many bytes, filled"},
+    {"blocks", 9, "in the file"},
+    {"block KB", 9, "the longest block: what a place holder takes"},
+    {"fill %", 7, "payload of a block over what a place holder takes, mean over blocks"},
+    {"file MB", 9, "size of the file"},
+    {"bytes/vertex", 13, "the file over the vertices of the input"},
+    {"depth", 6, "blocks on the longest way down"},
+};
+const tune_column tune_columns[TUNE_COLUMNS] = {
+    {"layout", -12, "as above"},
+    {"cap", 7, "--ram of the replay; -: none"},
+    {"places", 7,
+     "place holders as asked for: a number, or what part of the smallest file they hold"},
+    {"K", 7, "place holders"},
+    {"K MB", 8, "their memory"},
+    {"missed %", 9, "misses over all that was wanted: blocks that were not there in time"},
+    {"refused", 9,
+     "switches a frame for which no place holder could be had: K is too small for them"},
+    {"err p50", 9, "error on the screen, pixels: median of the frames"},
+    {"err p95", 9, "the same, in 95 % of the frames; none: no bound"},
+    {"ms p50", 8, "time of Navigate a frame: median"},
+    {"ms p99", 8, "the same, in 99 % of the frames"},
+    {"k tri", 8, "thousands of triangles, mean"},
+    {"read MB", 8, "from the disk"},
+    {"peak MB", 8, "peak of the process"},
+    {"others %", 9,
+     "of the processors, what other programs took meanwhile: times are not to be "
+     "trusted where this is high"},
+};
+
+void tune_pixels(double px, tune_text text) {
+    snprintf(text, TUNE_TEXT_MAX, isinf(px) ? "none" : px < 10000 ? "%.2f" : "%.1e", px);
 }
 
-static void cell_row(const tune *t, const tune_cell *c, FILE *out) {
+int tune_layout_texts(const tune_layout *l, tune_text *text) {
+    const mn_header *h = &l->header;
+    snprintf(text[0], TUNE_TEXT_MAX, "%.20s", l->name);
+    if (l->code != MN_OK)
+        return 1;
+    snprintf(text[1], TUNE_TEXT_MAX, "%u", h->blocks);
+    snprintf(text[2], TUNE_TEXT_MAX, "%u", h->block_bytes_max >> 10);
+    snprintf(text[3], TUNE_TEXT_MAX, "%.1f", 100 * h->fill_mean);
+    snprintf(text[4], TUNE_TEXT_MAX, "%.2f", mega((double)h->file_bytes));
+    snprintf(text[5], TUNE_TEXT_MAX, "%.1f", (double)h->file_bytes / h->leaves);
+    snprintf(text[6], TUNE_TEXT_MAX, "%u", h->block_depth);
+    return TUNE_LAYOUT_COLUMNS;
+}
+
+int tune_cell_texts(const tune *t, const tune_cell *c, tune_text *text) {
     const double *f = c->figure;
-    char cap[16] = "-";
-    if (!c->resident && t->o.cap[c->cap] > 0)
-        snprintf(cap, sizeof cap, "%.4gM", mega((double)t->o.cap[c->cap]));
-    fprintf(out, "%-12s %6s %6s ", t->layout[c->layout].name, cap,
-            c->resident ? "all" : t->o.places[c->places].text);
-    if (c->state != TUNE_MEASURED) {
-        fprintf(out, "%s\n", c->state == TUNE_MISSING ? "not measured" : c->says);
-        return;
-    }
-    if (c->resident)
-        fprintf(out, "%7s %7s ", "-", "-");
-    else
-        fprintf(out, "%7.0f %7.2f ", f[TUNE_K], mega(f[TUNE_K] * f[TUNE_BLOCK_BYTES]));
-    char p50[16], p95[16];
-    fprintf(out, "%8.3f %8.0f %8s %8s %7.3f %7.3f %8.1f %8.1f %7.1f %6.0f\n",
-            100 * f[TUNE_MISS_RATE], f[TUNE_REFUSED_POOL] / f[TUNE_FRAMES],
-            pixels(f[TUNE_ERROR_P50], p50), pixels(f[TUNE_ERROR_P95], p95),
-            tune_p50_ms(c, t->o.want.cpu), tune_p99_ms(c, t->o.want.cpu), f[TUNE_TRIANGLES] / 1000,
-            mega(f[TUNE_READ_BYTES]), mega(f[TUNE_RSS_BYTES]), 100 * f[TUNE_OTHERS]);
+    const uint64_t cap = c->resident ? 0 : t->o.cap[c->cap];
+    snprintf(text[0], TUNE_TEXT_MAX, "%.20s", t->layout[c->layout].name);
+    snprintf(text[1], TUNE_TEXT_MAX, cap > 0 ? "%.4gM" : "-", mega((double)cap));
+    snprintf(text[2], TUNE_TEXT_MAX, "%s", c->resident ? "all" : t->o.places[c->places].text);
+    if (c->state != TUNE_MEASURED)
+        return 3;
+    snprintf(text[3], TUNE_TEXT_MAX, c->resident ? "-" : "%.0f", f[TUNE_K]);
+    snprintf(text[4], TUNE_TEXT_MAX, c->resident ? "-" : "%.2f",
+             mega(f[TUNE_K] * f[TUNE_BLOCK_BYTES]));
+    snprintf(text[5], TUNE_TEXT_MAX, "%.3f", 100 * f[TUNE_MISS_RATE]);
+    snprintf(text[6], TUNE_TEXT_MAX, "%.0f", f[TUNE_REFUSED_POOL] / f[TUNE_FRAMES]);
+    tune_pixels(f[TUNE_ERROR_P50], text[7]);
+    tune_pixels(f[TUNE_ERROR_P95], text[8]);
+    snprintf(text[9], TUNE_TEXT_MAX, "%.3f", tune_p50_ms(c, t->o.want.cpu));
+    snprintf(text[10], TUNE_TEXT_MAX, "%.3f", tune_p99_ms(c, t->o.want.cpu));
+    snprintf(text[11], TUNE_TEXT_MAX, "%.1f", f[TUNE_TRIANGLES] / 1000);
+    snprintf(text[12], TUNE_TEXT_MAX, "%.1f", mega(f[TUNE_READ_BYTES]));
+    snprintf(text[13], TUNE_TEXT_MAX, "%.1f", mega(f[TUNE_RSS_BYTES]));
+    snprintf(text[14], TUNE_TEXT_MAX, "%.0f", 100 * f[TUNE_OTHERS]);
+    return TUNE_COLUMNS;
 }
 
-static void cells_table(const tune *t, uint32_t path, mn_prefetch rule, FILE *out) {
-    bool first = true;
-    for (size_t i = 0; i < t->cells; i++) {
-        const tune_cell *c = &t->cell[i];
-        if (c->path != path || (!c->resident && c->prefetch != rule))
-            continue;
-        if (first)
-            fprintf(out,
-                    "\n%s, %u frames, prefetch %s, times of the %s\n"
-                    "%-12s %6s %6s %7s %7s %8s %8s %8s %8s %7s %7s %8s %8s %7s %6s\n",
-                    t->o.path[path].label, t->o.path[path].frames, tune_prefetch_name(rule),
-                    t->o.want.cpu ? "processor" : "clock", "layout", "cap", "places", "K", "K MB",
-                    "missed %", "refused", "err p50", "err p95", "ms p50", "ms p99", "k tri",
-                    "read MB", "peak MB", "others %");
-        first = false;
-        cell_row(t, c, out);
-    }
+bool tune_cell_is_of(const tune_cell *c, uint32_t path, mn_prefetch rule) {
+    return c->path == path && !c->resident && c->prefetch == rule;
 }
 
-static void wants(const tune_want *w, FILE *out) {
+void tune_want_words(const tune_want *w, char *text, size_t room) {
     const struct {
         const char *format;
         double bound;
@@ -109,41 +139,72 @@ static void wants(const tune_want *w, FILE *out) {
                   {"error up to %g px, ", w->error_px},
                   {"misses up to %g %%, ", 100 * w->miss_rate},
                   {"peak up to %g MB, ", mega(w->ram_bytes)}};
-    for (size_t i = 0; i < sizeof bounds / sizeof bounds[0]; i++)
+    size_t length = 0;
+    for (size_t i = 0; i < sizeof bounds / sizeof bounds[0] && length < room; i++)
         if (isfinite(bounds[i].bound))
-            fprintf(out, bounds[i].format, bounds[i].bound);
-    fprintf(out, "least %s", tune_objective_name(w->objective));
+            length +=
+                (size_t)snprintf(text + length, room - length, bounds[i].format, bounds[i].bound);
+    if (length < room)
+        snprintf(text + length, room - length, "least %s", tune_objective_name(w->objective));
+}
+
+/* ---- the table ------------------------------------------------------------------------------- */
+
+static void row(const tune_column *columns, tune_text *text, int count, const char *rest,
+                FILE *out) {
+    for (int i = 0; i < count; i++)
+        fprintf(out, "%*s", columns[i].width, text[i]);
+    fprintf(out, "%s%s\n", rest[0] != 0 ? "  " : "", rest);
+}
+
+static void heads(const tune_column *columns, int count, FILE *out) {
+    for (int i = 0; i < count; i++)
+        fprintf(out, "%*s", columns[i].width, columns[i].head);
+    fputc('\n', out);
+}
+
+static void cell_row(const tune *t, const tune_cell *c, FILE *out) {
+    tune_text text[TUNE_COLUMNS];
+    const int count = tune_cell_texts(t, c, text);
+    row(tune_columns, text, count, count < TUNE_COLUMNS ? c->says : "", out);
+}
+
+static void cells_table(const tune *t, uint32_t path, mn_prefetch rule, FILE *out) {
+    size_t count = 0;
+    for (size_t i = 0; i < t->cells; i++)
+        count += tune_cell_is_of(&t->cell[i], path, rule);
+    if (count == 0)
+        return;
+    fprintf(out, "\n%s, %u frames, prefetch %s, times of the %s\n", t->o.path[path].label,
+            t->o.path[path].frames, tune_prefetch_name(rule),
+            t->o.want.cpu ? "processor" : "clock");
+    heads(tune_columns, TUNE_COLUMNS, out);
+    for (size_t i = 0; i < t->cells; i++)
+        if (tune_cell_is_of(&t->cell[i], path, rule) ||
+            (t->cell[i].resident && t->cell[i].path == path))
+            cell_row(t, &t->cell[i], out);
 }
 
 static void setting_row(const tune *t, const tune_setting *s, FILE *out) {
-    char words[200], px[16];
+    char words[200];
+    tune_text px;
     tune_setting_words(t, s, words, sizeof words);
-    fprintf(out, "  %-54s error %8s px, missed %6.3f %%, p99 %7.3f ms, peak %6.1f MB\n", words,
-            pixels(s->error_px, px), 100 * s->miss_rate, s->p99_ms, mega(s->ram_bytes));
+    tune_pixels(s->error_px, px);
+    fprintf(out, "  %-54s error %8s px, missed %6.3f %%, p99 %7.3f ms, peak %6.1f MB\n", words, px,
+            100 * s->miss_rate, s->p99_ms, mega(s->ram_bytes));
 }
 
-/* With the same memory, which layout? For each cap and number of place holders. */
-static void best_of_each(const tune *t, const tune_findings *f, FILE *out) {
-    tune_setting *some = calloc(f->settings + 1, sizeof *some);
-    for (uint32_t cap = 0; cap < t->o.caps && some != NULL; cap++)
+/* With the same memory, which layout? Then the best of all. By their worst path. */
+static void best_table(const tune *t, const tune_findings *f, FILE *out) {
+    char words[200];
+    tune_want_words(&t->o.want, words, sizeof words);
+    fprintf(out, "\nbest (%s), by the worst path, with as many place holders\n", words);
+    for (uint32_t cap = 0; cap < t->o.caps; cap++)
         for (uint32_t places = 0; places < t->o.places_count; places++) {
-            size_t count = 0;
-            for (size_t i = 0; i < f->settings; i++)
-                if (f->setting[i].cell->cap == cap && f->setting[i].cell->places == places)
-                    some[count++] = f->setting[i];
-            const tune_setting *best = tune_choose(some, count, &t->o.want);
+            const tune_setting *best = tune_best_of(t, f, cap, places);
             if (best != NULL)
                 setting_row(t, best, out);
         }
-    free(some);
-}
-
-/* The best of each number of place holders, then of all: by their worst path. */
-static void best_table(const tune *t, const tune_findings *f, FILE *out) {
-    fputs("\nbest (", out);
-    wants(&t->o.want, out);
-    fputs("), by the worst path: with as many place holders\n", out);
-    best_of_each(t, f, out);
     fputs("of all\n", out);
     if (f->best != NULL)
         setting_row(t, f->best, out);
@@ -152,7 +213,12 @@ static void best_table(const tune *t, const tune_findings *f, FILE *out) {
 }
 
 void tune_table(const tune *t, const tune_findings *f, FILE *out) {
-    layouts_table(t, out);
+    tune_text text[TUNE_LAYOUT_COLUMNS];
+    fputc('\n', out);
+    heads(tune_layout_columns, TUNE_LAYOUT_COLUMNS, out);
+    for (uint32_t i = 0; i < t->layouts; i++)
+        row(tune_layout_columns, text, tune_layout_texts(&t->layout[i], text), t->layout[i].says,
+            out);
     for (uint32_t path = 0; path < t->o.paths; path++)
         for (uint32_t r = 0; r < t->o.prefetches; r++)
             cells_table(t, path, t->o.prefetch[r], out);

@@ -59,8 +59,102 @@ others() {
     check "not ours: nothing is lost" test -e "$scratch/full/packed-4K.mnt"
 }
 
+# A cell that K is too small for, a path of a file, a tree that is there already, a constraint.
+kinds() {
+    local csv=$scratch/k/results.csv
+    printf 'metanode path 1\n0 0 3 0 0 0 0 1 0\n0 0 2 0 0 0 0 1 0\n' >"$scratch/two.path"
+    expect 0 simplify simplify "$scratch/s.ply" -o "$scratch/s.vdt"
+    expect 0 kinds tune "$scratch/s.vdt" -o "$scratch/k" --policy packed --block-bytes 4K --k 2,min --fps 0 \
+        --path "$scratch/two.path" --frames 4 --cross --error-px 0.001
+    check "kinds: too small, and why" grep -q '^packed-4K,0,2,two.path@[0-9a-f]*:4,ahead,[1-9][0-9]*,"[^"]*place holders' "$csv"
+    check "kinds: in the table too" grep -q 'packed-4K .* 2 .*needs at least' "$out"
+    check "kinds: every rule" test "$(cut -d, -f5 "$csv" | sort -u | tr '\n' ' ')" = \
+        'ahead neighbours off prefetch resident '
+    check "kinds: nothing is best" grep -q 'no setting keeps to that' "$out"
+    check "kinds: the tree is left where it is" test ! -e "$scratch/k/tree.vdt"
+    expect 0 caps tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 8M,1M --fps 0 \
+        --path orbit --frames 4 --prefetch ahead --p99-ms 1000 --minimize ram
+    check "caps: too small, and what would do" grep -q '1M .* would work' "$out"
+    check "caps: the other is best" grep -q 'packed-4K, K [0-9]* (cap) under 8 MB' "$out"
+}
+
+page() {
+    local page=$dir/report.html
+    tune 0 page
+    check "page: whole" grep -q '</html>' "$page"
+    check "page: the command" grep -q 'metanode tune.*--k 1/2,min' "$page"
+    check "page: nothing from elsewhere" test "$(grep -cE '(src|href)="?https?:' "$page")" -eq 0
+    if command -v gnuplot >/dev/null; then
+        check "page: plots" test "$(grep -c 'src="data:image/svg+xml;base64,' "$page")" -ge 4
+        for kind in svg png gp; do
+            check "plots: error.$kind" test -s "$dir/plots/error-orbit-ahead.$kind"
+        done
+        check "plots: an SVG whole" grep -q '</svg>' "$dir/plots/heat-orbit-ahead.svg"
+    else
+        skip "plots: no gnuplot"
+    fi
+    local path=$PATH code=0
+    PATH=/nowhere "$metanode" tune "$scratch/s.ply" -o "$scratch/none" --policy packed --block-bytes 4K --k min \
+        --path orbit --prefetch ahead --frames 2 --fps 0 >"$out" 2>"$err" </dev/null || code=$?
+    check "no gnuplot: $(cat "$err")" test "$code" -eq 0
+    one_line "no gnuplot" gnuplot
+    check "no gnuplot: the table" grep -q '^packed-4K ' "$out"
+    check "no gnuplot: the page" grep -q 'no plots: gnuplot' "$scratch/none/report.html"
+}
+
+# Interrupted in a measured cell: what was measured stays, lines are whole, and it goes on.
+interrupt() {
+    local d=$scratch/i code=0
+    local sweep=(tune "$scratch/s.ply" -o "$d" --policy packed --block-bytes 4K,8K --k 1/2,min --path orbit
+        --prefetch ahead --frames 40)
+    set -m # or it would be deaf to SIGINT
+    "$metanode" "${sweep[@]}" >"$out" 2>"$err" </dev/null &
+    set +m
+    local child=$!
+    for _ in {1..200}; do
+        [[ $(cat "$d/results.csv" 2>/dev/null | wc -l) -lt 3 ]] || break
+        sleep 0.05
+    done
+    expect 1 "another one in the folder" "${sweep[@]}"
+    one_line "another one in the folder" 'at work'
+    kill -INT "$child"
+    wait "$child" || code=$?
+    "$metanode" --version >"$out"
+    check "interrupt: exit $code" test "$code" -eq 1
+    check "interrupt: $(cat "$err")" grep -q 'goes on' "$err"
+    check "interrupt: no replay is left" test -z "$(pgrep -f "replay $d/" || true)"
+    check "interrupt: whole lines" test -z "$(tail -c 1 "$d/results.csv")"
+    cp "$d/results.csv" "$scratch/i.csv"
+    expect 0 "goes on" "${sweep[@]}"
+    check "goes on: what was measured stands" cmp "$scratch/i.csv" <(head -n "$(wc -l <"$scratch/i.csv")" "$d/results.csv")
+    check "goes on: the rest as well" test "$(grep -c ',0,"",' "$d/results.csv")" -eq 5
+}
+
+# Each is one line that names what is wrong, and nothing is made.
+usage() {
+    local -A wrong=([levels]=17 [block-bytes]=5K [k]=1/0 [caps]=0 [policy]=both [path]=, [prefetch]=on
+        [frames]=0 [fps]=-1 [size]=big [tolerance]=0 [degrade]=yes [p99-ms]=-1 [error-px]=x [miss-rate]=2
+        [ram]=none [minimize]=all [clock]=sun)
+    for option in "${!wrong[@]}"; do
+        expect 2 "--$option" tune "$scratch/s.ply" -o "$scratch/u" "--$option" "${wrong[$option]}"
+        one_line "--$option" "--$option" "'${wrong[$option]}'"
+    done
+    expect 2 "no mesh" tune -o "$scratch/u"
+    expect 2 "two meshes" tune a b -o "$scratch/u"
+    expect 2 "no folder" tune "$scratch/s.ply"
+    expect 3 "no such mesh" tune "$scratch/nope.ply" -o "$scratch/u"
+    expect 3 "no such path" tune "$scratch/s.ply" -o "$scratch/u" --path "$scratch/nope"
+    check "usage: nothing was made" test ! -e "$scratch/u"
+    expect 3 "no mesh at all" tune "$0" -o "$scratch/u"
+    expect 2 "no folder possible" tune "$scratch/s.ply" -o "$scratch/s.ply"
+}
+
 part whole
 part more
 part torn
 part others
+part kinds
+part page
+part interrupt
+part usage
 finish
