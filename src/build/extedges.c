@@ -14,7 +14,8 @@
  * Of the triangles that use a directed edge, all but the input's first are misoriented; a triangle
  * that is so at several edges counts once, hence the sort of their numbers.
  *
- * Secret: the heap. Memory: an eighth of work_bytes, and two sorts. One thread. (design.md §3.1) */
+ * Secret: the heap. Memory: shares of work_bytes, for it and two sorts. One thread. (design.md
+ * §3.1) */
 #include "extintake.h"
 
 #include <stdlib.h>
@@ -25,7 +26,6 @@
 #include "reader.h"
 
 enum {
-    SHARE = 8,
     GROUP_MAX = 64,  /* edges of one vertex that are sorted here; most have three */
     LATE_SHARE = 16, /* of the heap's memory: the bits */
 };
@@ -57,7 +57,7 @@ struct mni_ext_edges {
 };
 
 bool mni_ext_edges_open(mni_extintake *x) {
-    uint64_t bytes = x->desc.work_bytes / SHARE - sizeof *x->edges;
+    uint64_t bytes = mni_ext_share(x, MNI_EXT_EDGES_SHARE) - sizeof *x->edges;
     uint64_t words = bytes / LATE_SHARE / sizeof(uint64_t);
     mni_ext_edges *e = x->edges = calloc(1, sizeof *e + bytes);
     if (e == NULL) {
@@ -68,8 +68,13 @@ bool mni_ext_edges_open(mni_extintake *x) {
     e->late_bits = 64 * words;
     e->heap = (waiting *)(void *)(e->late + words);
     e->max = (uint32_t)((bytes - words * sizeof(uint64_t)) / sizeof(waiting));
-    return mni_ext_sort_open(x, &e->sort, sizeof(edge), MNI_SORT_U64, MNI_EXT_QUARTER) &&
-           mni_ext_sort_open(x, &e->flags, sizeof(uint32_t), MNI_SORT_U32, MNI_EXT_EIGHTH);
+    const mni_sort_desc late = {.record_bytes = sizeof(edge),
+                                .key = MNI_SORT_U64,
+                                .budget_bytes = mni_ext_share(x, MNI_EXT_LATE_SHARE)},
+                        flags = {.record_bytes = sizeof(uint32_t),
+                                 .key = MNI_SORT_U32,
+                                 .budget_bytes = mni_ext_share(x, MNI_EXT_LATE_SHARE)};
+    return mni_ext_sort_open(x, &e->sort, &late) && mni_ext_sort_open(x, &e->flags, &flags);
 }
 
 void mni_ext_edges_close(mni_extintake *x) {

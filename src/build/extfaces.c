@@ -1,6 +1,7 @@
 /* Triangles, outside memory: see extintake.h. Each is sorted by its three places, smallest first,
  * so that twins are neighbours, the first of the input first, and so that what is left lies along
- * the vertices' curve already. How its corners stood is kept in the same 16 bytes:
+ * the vertices' curve already. How its corners stood is kept in the same 16 bytes, which are 8 on
+ * the disk:
  *
  *   high: smallest place, middle one
  *   low:  largest << 33 | number << 1 | largest right after smallest
@@ -21,17 +22,44 @@
 #include "exttriangles.h"
 #include "reader.h"
 
-enum { USED_SHARE = 8 };
-
 typedef struct packed {
     uint64_t high, low;
 } packed;
+enum { PACKED_MAX = 4 * MNI_VARINT32_MAX };
+
+/* For the disk: smallest - the last one's, middle - smallest, largest - middle, number and turn. */
+static unsigned char *pack_sorted(const void *context, unsigned char *to, const void *record,
+                                  const void *before) {
+    const packed *p = record, *b = before;
+    const uint32_t smallest = (uint32_t)(p->high >> 32), middle = (uint32_t)p->high;
+    (void)context;
+    to = mni_varint_put(to, smallest - (uint32_t)(b->high >> 32));
+    to = mni_varint_put(to, middle - smallest);
+    to = mni_varint_put(to, (uint32_t)(p->low >> 33) - middle);
+    return mni_varint_put(to, mni_fold((uint32_t)(p->low >> 1), (uint32_t)(b->low >> 1)) << 1 |
+                                  (p->low & 1));
+}
+
+static const unsigned char *unpack_sorted(const void *context, const unsigned char *from,
+                                          void *record) {
+    packed *p = record;
+    (void)context;
+    const uint32_t smallest = (uint32_t)(p->high >> 32) + (uint32_t)mni_varint_get(&from),
+                   middle = smallest + (uint32_t)mni_varint_get(&from),
+                   largest = middle + (uint32_t)mni_varint_get(&from);
+    const uint64_t rest = mni_varint_get(&from),
+                   number = mni_unfold(rest >> 1, (uint32_t)(p->low >> 1));
+    *p = (packed){(uint64_t)smallest << 32 | middle,
+                  (uint64_t)largest << 33 | number << 1 | (rest & 1)};
+    return from;
+}
 
 bool mni_ext_faces_open(mni_extintake *x) {
-    uint64_t words = x->places / 64 + 1, ranks = words / MNI_EXT_RANK_WORDS + 1;
-    uint64_t bytes = words * sizeof *x->used + ranks * sizeof *x->used_before;
-    if (bytes > x->desc.work_bytes / USED_SHARE && bytes > 4096) {
-        mni_ext_too_small(x, x->places, (bytes + 1) * USED_SHARE);
+    static const mni_sort_packing packing = {PACKED_MAX, pack_sorted, unpack_sorted, NULL};
+    const uint64_t words = x->places / 64 + 1, ranks = words / MNI_EXT_RANK_WORDS + 1;
+    const uint64_t bytes = words * sizeof *x->used + ranks * sizeof *x->used_before;
+    if (bytes > mni_ext_share(x, MNI_EXT_USED_SHARE) && bytes > 4096) {
+        mni_ext_too_small(x, x->places, (bytes + 1) * MNI_EXT_SHARES / MNI_EXT_USED_SHARE);
         return false;
     }
     x->used = calloc(1, bytes);
@@ -40,7 +68,14 @@ bool mni_ext_faces_open(mni_extintake *x) {
         return false;
     }
     x->used_before = (uint32_t *)(void *)(x->used + words);
-    return mni_ext_sort_open(x, &x->triangle_sort, sizeof(packed), MNI_SORT_U128, MNI_EXT_QUARTER);
+    const uint64_t others = x->map_bytes + bytes + mni_ext_share(x, MNI_EXT_BUFFERS_SHARE) +
+                            mni_ext_share(x, MNI_EXT_BUCKETS_SHARE);
+    const mni_sort_desc desc = {.record_bytes = sizeof(packed),
+                                .key = MNI_SORT_U128,
+                                .budget_bytes = x->desc.work_bytes - others,
+                                .after_bytes = mni_ext_share(x, MNI_EXT_AFTER_SHARE),
+                                .packing = &packing};
+    return mni_ext_sort_open(x, &x->triangle_sort, &desc);
 }
 
 /* ---- one by one ------------------------------------------------------------------------------ */
@@ -62,7 +97,7 @@ static mni_exttriangle unpack(const packed *p) {
     return (mni_exttriangle){{smallest, turned ? largest : middle, turned ? middle : largest}};
 }
 
-void mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number) {
+bool mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number) {
     if (place[0] == MN_NONE || place[1] == MN_NONE || place[2] == MN_NONE) {
         x->counts.nonfinite_faces++;
     } else if (place[0] == place[1] || place[1] == place[2] || place[2] == place[0]) {
@@ -73,13 +108,10 @@ void mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number) {
             x->used[place[i] / 64] |= UINT64_C(1) << place[i] % 64;
         mni_sort_put(x->triangle_sort, &p);
     }
+    return mni_ext_tell_triangles(x, x->judged++);
 }
 
 /* ---- places in use --------------------------------------------------------------------------- */
-
-static bool is_used(const mni_extintake *x, uint64_t place) {
-    return x->used[place / 64] >> place % 64 & 1;
-}
 
 static void count_used(mni_extintake *x) {
     uint64_t words = x->places / 64 + 1, count = 0;
@@ -131,121 +163,6 @@ static bool write_triangles(mni_extintake *x) {
     return x->st->code == MN_OK && mni_ext_spill_good(x, &x->result.triangle);
 }
 
-/* Different records, by all of their bytes. */
-static bool count_different(mni_extintake *x, mni_sort *sort, size_t bytes, uint64_t *count) {
-    unsigned char before[16];
-    const void *record;
-    MN_ASSERT(bytes <= sizeof before);
-    *count = 0;
-    if (mni_sort_finish(sort, x->st) != MN_OK)
-        return false;
-    while ((record = mni_sort_next(sort, x->st)) != NULL) {
-        *count += *count == 0 || memcmp(before, record, bytes) != 0;
-        memcpy(before, record, bytes);
-    }
-    return x->st->code == MN_OK;
-}
-
-/* ---- vertices -------------------------------------------------------------------------------- */
-
-/* The next place in use, from a reader of placed ones; false: no more. */
-static bool next_used(mni_extintake *x, mni_spill_reader *r, uint64_t *place, mni_ext_wide *out) {
-    for (;;) {
-        bool wide = mni_ext_is_wide(x);
-        const void *record = mni_spill_take(r, wide ? sizeof(mni_ext_wide) : sizeof(mni_extvertex));
-        if (record == NULL)
-            return false;
-        if (!is_used(x, (*place)++))
-            continue;
-        if (wide) {
-            memcpy(out, record, sizeof *out);
-        } else {
-            const mni_extvertex *v = record;
-            *out = (mni_ext_wide){{v->position[0], v->position[1], v->position[2]}, v->rgba, 0};
-        }
-        return true;
-    }
-}
-
-static void read_placed(mni_extintake *x, mni_spill_reader *r, bool discard) {
-    mni_spill_reader_open(r, &x->placed, 0, x->placed.size_bytes, x->buffer[0], x->buffer_bytes,
-                          discard);
-}
-
-/* The origin, from the box of what is used; whether floats hold all of it. */
-static bool find_origin(mni_extintake *x) {
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    bool exact = true;
-    mni_spill_reader r;
-    mni_ext_wide v;
-    read_placed(x, &r, false);
-    for (uint64_t place = 0; next_used(x, &r, &place, &v);)
-        for (int i = 0; i < 3; i++) {
-            double p = v.position[i];
-            low[i] = p < low[i] ? p : low[i];
-            high[i] = p > high[i] ? p : high[i];
-            exact = exact && (double)(float)p == p;
-        }
-    mni_intake_origin(low, high, exact, x->result.origin);
-    return exact;
-}
-
-/* Positions as floats; where those tell fewer apart, how many fewer. */
-static bool write_vertices(mni_extintake *x, bool exact) {
-    mni_sort *floats = NULL, *doubles = NULL;
-    mni_spill_reader r;
-    mni_spill_writer w;
-    mni_ext_wide v;
-    if (!exact &&
-        (!mni_ext_sort_open(x, &floats, 16, MNI_SORT_U128, MNI_EXT_QUARTER) ||
-         (x->apart && !mni_ext_sort_open(x, &doubles, 16, MNI_SORT_U128, MNI_EXT_QUARTER)))) {
-        mni_ext_sort_close(x, &floats);
-        return false;
-    }
-    read_placed(x, &r, true);
-    mni_spill_writer_open(&w, &x->result.vertex, x->buffer[1], x->buffer_bytes);
-    for (uint64_t place = 0; next_used(x, &r, &place, &v);) {
-        struct {
-            float position[3];
-            uint32_t zero;
-        } key = {0};
-        mni_extvertex out = {.rgba = v.rgba};
-        for (int i = 0; i < 3; i++)
-            out.position[i] = (float)(v.position[i] - x->result.origin[i]) + 0.0f;
-        memcpy(key.position, out.position, sizeof key.position);
-        mni_spill_put(&w, &out, sizeof out);
-        if (floats != NULL)
-            mni_sort_put(floats, &key);
-        if (doubles != NULL) {
-            XXH128_hash_t hash = XXH3_128bits(v.position, sizeof v.position);
-            mni_sort_put(doubles, &hash);
-        }
-    }
-    mni_spill_end(&w);
-    uint64_t places = 0, apart = x->result.vertices;
-    bool ok = mni_ext_spill_good(x, &x->placed) && mni_ext_spill_good(x, &x->result.vertex) &&
-              (floats == NULL || count_different(x, floats, 16, &places)) &&
-              (doubles == NULL || count_different(x, doubles, 16, &apart));
-    x->counts.merged_positions = floats != NULL ? apart - places : 0;
-    mni_ext_sort_close(x, &floats);
-    mni_ext_sort_close(x, &doubles);
-    return ok;
-}
-
-static bool finish_vertices(mni_extintake *x) {
-    bool ok = true;
-    if (!mni_ext_is_wide(x) && x->result.vertices == x->places) {
-        x->result.vertex = x->placed; /* as it is */
-        x->placed.fd = -1;
-        return true;
-    }
-    bool exact = !mni_ext_is_wide(x) || find_origin(x);
-    ok = mni_ext_spill_good(x, &x->placed) && mni_ext_spill_open(x, &x->result.vertex) &&
-         write_vertices(x, exact);
-    mni_ext_spill_close(x, &x->placed);
-    return ok;
-}
-
 bool mni_ext_faces_finish(mni_extintake *x) {
     count_used(x);
     if (!mni_intake_any_left(&x->counts, x->vertices, x->result.vertices, x->name, x->st))
@@ -257,5 +174,5 @@ bool mni_ext_faces_finish(mni_extintake *x) {
     mni_ext_sort_close(x, &x->triangle_sort);
     ok = ok && mni_ext_edges_finish(x);
     mni_ext_edges_close(x);
-    return ok && finish_vertices(x);
+    return ok;
 }

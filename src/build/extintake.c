@@ -1,7 +1,14 @@
 /* The intake of meshes larger than memory: see extintake.h for the way that everything goes. Here:
- * what readers push goes to disk as it is, 16 bytes a vertex and 12 a triangle; and which step
- * comes when. Secret: that vertices are narrow until the first that floats do not hold. Memory:
- * shares of work_bytes. One thread. (design.md §3.1, §3.3) */
+ * what readers push goes to disk, and which step comes when. A triangle goes to the bucket of its
+ * corners, most often one; otherwise each corner goes to its own, and which these were is kept:
+ *
+ *   item:      triangle: (number - last one's) × 2, first - last corner, next, last - first
+ *              lone corner: 1, corner - last corner
+ *   sequence:  number - last one's, and a byte a corner
+ *
+ * Secret: items, and how many vertices a bucket has: all, if their map has room, as vertices
+ * nearly always come before the first triangle. Memory: shares of work_bytes. One thread.
+ * (design.md §3.1, §3.3) */
 #include "extintake.h"
 
 #include <math.h>
@@ -11,18 +18,19 @@
 #include "assert.h"
 #include "reader.h"
 
-enum { BUFFERS_SHARE = 8, BUFFER_BYTES_MAX = 1 << 20, MAP_SHARE = 2, BUCKETS_SHARE = 4 };
+enum { BUFFER_BYTES_MAX = 1 << 20, BUFFER_UNIT = 16 /* a vertex, as it is kept */ };
 
-/* A multiple of all records that are read or written here: 4, 12, 16, 20, 32 bytes. */
-#define BUFFER_UNIT 480
+static uint64_t at_least(uint64_t bytes, uint64_t least) {
+    return bytes > least ? bytes : least;
+}
 
-bool mni_ext_sort_open(mni_extintake *x, mni_sort **sort, uint32_t record_bytes, mni_sort_key key,
-                       mni_ext_share share) {
-    const mni_sort_desc desc = {.record_bytes = record_bytes,
-                                .key = key,
-                                .budget_bytes = x->desc.work_bytes / share,
-                                .temp_dir = x->desc.temp_dir};
-    return mni_sort_open(sort, &desc, x->st) == MN_OK;
+bool mni_ext_sort_open(mni_extintake *x, mni_sort **sort, const mni_sort_desc *desc) {
+    mni_sort_desc d = *desc;
+    d.temp_dir = x->desc.temp_dir;
+    if (d.after_bytes > 0)
+        d.after_bytes = at_least(d.after_bytes, MNI_SORT_BUDGET_MIN);
+    d.budget_bytes = at_least(d.budget_bytes, at_least(d.after_bytes, MNI_SORT_BUDGET_MIN));
+    return mni_sort_open(sort, &d, x->st) == MN_OK;
 }
 
 void mni_ext_sort_close(mni_extintake *x, mni_sort **sort) {
@@ -53,15 +61,14 @@ bool mni_ext_spill_good(mni_extintake *x, const mni_spill *spill) {
     return spill->trouble.code == MN_OK;
 }
 
-bool mni_ext_bucket_put(mni_extintake *x, uint64_t bucket, const void *bytes, size_t count) {
+mni_spill_writer *mni_ext_bucket_writer(mni_extintake *x, uint64_t bucket) {
     mni_ext_bucket *b = &x->bucket[bucket];
     if (b->spill.fd < 0) {
         if (!mni_ext_spill_open(x, &b->spill))
-            return false;
+            return NULL;
         mni_spill_writer_open(&b->to, &b->spill, b->buffer, x->bucket_bytes);
     }
-    mni_spill_put(&b->to, bytes, count);
-    return true;
+    return &b->to;
 }
 
 void mni_ext_too_small(mni_extintake *x, uint64_t vertices, uint64_t work_bytes) {
@@ -74,12 +81,12 @@ void mni_ext_too_small(mni_extintake *x, uint64_t vertices, uint64_t work_bytes)
 /* ---- open, close ----------------------------------------------------------------------------- */
 
 static bool open_buffers(mni_extintake *x) {
-    uint64_t work = x->desc.work_bytes, each = work / BUFFERS_SHARE / MNI_EXT_BUFFERS;
+    uint64_t each = mni_ext_share(x, MNI_EXT_BUFFERS_SHARE) / MNI_EXT_BUFFERS;
     each = each < BUFFER_BYTES_MAX ? each : BUFFER_BYTES_MAX;
     x->buffer_bytes = each / BUFFER_UNIT * BUFFER_UNIT;
-    each = work / BUCKETS_SHARE / MNI_EXT_BUCKETS;
-    x->bucket_bytes = (each < BUFFER_BYTES_MAX ? each : BUFFER_BYTES_MAX) / 16 * 16;
-    x->window = work / MAP_SHARE / sizeof *x->map / 3 * 3; /* a soup's triangles are not cut */
+    each = mni_ext_share(x, MNI_EXT_BUCKETS_SHARE) / MNI_EXT_BUCKETS;
+    each = each < BUFFER_BYTES_MAX ? each : BUFFER_BYTES_MAX;
+    x->bucket_bytes = each / BUFFER_UNIT * BUFFER_UNIT;
     uint64_t bytes =
         MNI_EXT_BUFFERS * (x->buffer_bytes + 16) + MNI_EXT_BUCKETS * x->bucket_bytes + 16;
     if (mni_arena_open(&x->arena, bytes, x->st) != MN_OK)
@@ -105,7 +112,7 @@ mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_de
     x->result.welded = !x->apart;
     x->name = name;
     x->st = st;
-    x->narrow.fd = x->wide.fd = x->sequence.fd = x->placed.fd = -1;
+    x->pushed.fd = x->sequence.fd = x->placed.fd = -1;
     x->result.vertex.fd = x->result.triangle.fd = -1;
     for (int i = 0; i < MNI_EXT_BUCKETS; i++)
         x->bucket[i].spill.fd = -1;
@@ -113,20 +120,19 @@ mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_de
         x->low[i] = INFINITY;
         x->high[i] = -INFINITY;
     }
-    if (!open_buffers(x) || !mni_ext_spill_open(x, &x->narrow)) {
+    if (!open_buffers(x) || !mni_ext_spill_open(x, &x->pushed)) {
         mni_extintake_close(x);
         return NULL;
     }
-    mni_spill_writer_open(&x->to_narrow, &x->narrow, x->buffer[0], x->buffer_bytes);
+    mni_spill_writer_open(&x->to_pushed, &x->pushed, x->buffer[0], x->buffer_bytes);
     mni_spill_writer_open(&x->to_sequence, &x->sequence, x->buffer[1], x->buffer_bytes);
-    mni_spill_writer_open(&x->to_wide, &x->wide, x->buffer[2], x->buffer_bytes);
     return x;
 }
 
 void mni_extintake_close(mni_extintake *x) {
     if (x == NULL)
         return;
-    mni_spill *spills[] = {&x->narrow, &x->wide, &x->sequence, &x->placed};
+    mni_spill *spills[] = {&x->pushed, &x->sequence, &x->placed};
     for (size_t i = 0; i < sizeof spills / sizeof spills[0]; i++)
         mni_spill_close(spills[i]);
     for (int i = 0; i < MNI_EXT_BUCKETS; i++)
@@ -152,8 +158,7 @@ static bool written(mni_extintake *x) {
     for (int i = 0; i < MNI_EXT_BUCKETS; i++)
         if (!mni_ext_spill_good(x, &x->bucket[i].spill))
             return false;
-    return mni_ext_spill_good(x, &x->narrow) && mni_ext_spill_good(x, &x->wide) &&
-           mni_ext_spill_good(x, &x->sequence);
+    return mni_ext_spill_good(x, &x->pushed) && mni_ext_spill_good(x, &x->sequence);
 }
 
 static bool is_float(double x) {
@@ -170,32 +175,79 @@ bool mni_extintake_vertex(mni_extintake *x, const double position[3], uint32_t r
         x->low[i] = p[i] < x->low[i] ? p[i] : x->low[i];
         x->high[i] = p[i] > x->high[i] ? p[i] : x->high[i];
     }
-    if (x->wide.fd < 0 && (narrow || !finite)) {
-        mni_ext_narrow v = {{(float)p[0], (float)p[1], (float)p[2]}, rgba};
-        mni_spill_put(&x->to_narrow, &v, sizeof v);
-        x->narrow_vertices++;
-    } else {
-        mni_ext_wide v = {{p[0], p[1], p[2]}, rgba, 0};
-        if (x->wide.fd < 0 && !mni_ext_spill_open(x, &x->wide))
-            return false;
-        mni_spill_put(&x->to_wide, &v, sizeof v);
-    }
+    const bool wide = mni_ext_is_wide(x) || (finite && !narrow);
+    mni_ext_put(&x->to_pushed, &x->last, wide, &(mni_ext_vertex){{p[0], p[1], p[2]}, rgba});
+    x->narrow_vertices += !wide;
     x->vertices++;
     return x->vertices % 1024 != 0 || written(x);
 }
 
-/* Into its bucket. One past all buckets is too many vertices, or none: known when all have come. */
-static bool put_corner(mni_extintake *x, uint32_t vertex, uint64_t corner) {
+static void choose_window(mni_extintake *x) {
+    const uint64_t all = mni_ext_share(x, MNI_EXT_MAP_SHARE) / sizeof *x->map;
+    x->window =
+        x->vertices <= all ? all : mni_ext_share(x, MNI_EXT_MAP_PART_SHARE) / sizeof *x->map;
+    x->window = x->window / 3 * 3; /* a soup's triangles are not cut */
+}
+
+/* One past all buckets is too many vertices, or none: known when all have come. */
+static uint8_t bucket_of(const mni_extintake *x, uint32_t vertex) {
     uint64_t to = vertex / x->window;
-    uint8_t bucket = to < MNI_EXT_BUCKETS ? (uint8_t)to : MNI_EXT_BUCKETS - 1;
-    if (bucket > 0 && x->sequence.fd < 0) {
-        x->sequence_begin = corner;
-        if (!mni_ext_spill_open(x, &x->sequence))
-            return false;
+    return to < MNI_EXT_BUCKETS ? (uint8_t)to : MNI_EXT_BUCKETS - 1;
+}
+
+static bool put_item(mni_extintake *x, uint8_t bucket, const mni_ext_item *item) {
+    mni_spill_writer *w = mni_ext_bucket_writer(x, bucket);
+    const uint32_t *c = item->corner;
+    uint32_t *last = x->bucket[bucket].last;
+    unsigned char packed[MNI_EXT_ITEM_MAX], *to = packed;
+    if (w == NULL)
+        return false;
+    to = mni_varint_put(to, item->lone ? 1 : 2 * (uint64_t)(item->number - last[0]));
+    to = mni_varint_put(to, mni_fold(c[0], last[1]));
+    last[1] = c[0];
+    if (!item->lone) {
+        last[0] = item->number;
+        to = mni_varint_put(to, mni_fold(c[1], c[0]));
+        to = mni_varint_put(to, mni_fold(c[2], c[0]));
     }
-    if (x->sequence.fd >= 0)
-        mni_spill_put(&x->to_sequence, &bucket, 1);
-    return mni_ext_bucket_put(x, bucket, &vertex, sizeof vertex);
+    mni_spill_put(w, packed, (size_t)(to - packed));
+    return true;
+}
+
+const unsigned char *mni_ext_item_get(const unsigned char *from, mni_ext_item *item,
+                                      uint32_t last[2]) {
+    const uint64_t code = mni_varint_get(&from);
+    uint32_t *c = item->corner;
+    item->lone = code == 1;
+    c[0] = last[1] = mni_unfold(mni_varint_get(&from), last[1]);
+    if (!item->lone) {
+        item->number = last[0] += (uint32_t)(code / 2);
+        c[1] = mni_unfold(mni_varint_get(&from), c[0]);
+        c[2] = mni_unfold(mni_varint_get(&from), c[0]);
+    }
+    return from;
+}
+
+static bool put_triangle(mni_extintake *x, const uint32_t corner[3]) {
+    const uint32_t number = (uint32_t)x->triangles;
+    if (x->window == 0)
+        choose_window(x);
+    const uint8_t bucket[3] = {bucket_of(x, corner[0]), bucket_of(x, corner[1]),
+                               bucket_of(x, corner[2])};
+    if (bucket[0] == bucket[1] && bucket[1] == bucket[2])
+        return put_item(x, bucket[0],
+                        &(mni_ext_item){false, number, {corner[0], corner[1], corner[2]}});
+    if (x->sequence.fd < 0 && !mni_ext_spill_open(x, &x->sequence))
+        return false;
+    unsigned char packed[MNI_VARINT32_MAX];
+    unsigned char *to = mni_varint_put(packed, number - x->last_in_sequence);
+    mni_spill_put(&x->to_sequence, packed, (size_t)(to - packed));
+    mni_spill_put(&x->to_sequence, bucket, sizeof bucket);
+    x->last_in_sequence = number;
+    for (int i = 0; i < 3; i++)
+        if (!put_item(x, bucket[i], &(mni_ext_item){true, 0, {corner[i]}}))
+            return false;
+    return true;
 }
 
 bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c) {
@@ -205,9 +257,8 @@ bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c
         x->counts.degenerate_faces++;
         return true;
     }
-    for (uint32_t i = 0; i < 3 && !x->soup; i++)
-        if (!put_corner(x, corner[i], 3 * x->triangles + i))
-            return false;
+    if (!x->soup && !put_triangle(x, corner))
+        return false;
     x->triangles++;
     return x->triangles % 1024 != 0 || written(x);
 }
@@ -215,9 +266,9 @@ bool mni_extintake_triangle(mni_extintake *x, uint32_t a, uint32_t b, uint32_t c
 /* ---- the steps ------------------------------------------------------------------------------- */
 
 static bool end_pushing(mni_extintake *x) {
-    mni_spill_end(&x->to_narrow);
-    if (x->wide.fd >= 0)
-        mni_spill_end(&x->to_wide);
+    mni_spill_end(&x->to_pushed);
+    if (x->window == 0)
+        choose_window(x);
     if (x->sequence.fd >= 0)
         mni_spill_end(&x->to_sequence);
     for (int i = 0; i < MNI_EXT_BUCKETS; i++) {
@@ -225,6 +276,7 @@ static bool end_pushing(mni_extintake *x) {
         if (b->spill.fd >= 0)
             mni_spill_end(&b->to);
         b->pairs = b->spill.size_bytes;
+        memset(b->last, 0, sizeof b->last);
     }
     if (x->vertices <= MNI_EXT_BUCKETS * x->window)
         return written(x);
@@ -235,7 +287,7 @@ static bool end_pushing(mni_extintake *x) {
 
 bool mni_extintake_finish(mni_extintake *x, mni_extmesh *out) {
     if (!end_pushing(x) || !mni_ext_place_vertices(x) || !mni_ext_place_triangles(x) ||
-        !mni_ext_faces_finish(x))
+        !mni_ext_faces_finish(x) || !mni_ext_write_vertices(x))
         return false;
     MN_ASSERT(x->counts.input_faces == x->result.triangles + x->counts.duplicate_faces +
                                            x->counts.degenerate_faces + x->counts.nonfinite_faces);

@@ -38,24 +38,23 @@ typedef struct mni_extmesh {
 } mni_extmesh;
 
 typedef struct mni_extmesh_desc {
-    uint64_t work_bytes;   /* at least MNI_EXTMESH_WORK_MIN: all that is taken, the reader's own
-                              buffers and 50 kB of structs apart */
-    uint64_t beside_bytes; /* what else the process takes: for the number that a refusal names */
-    const char *temp_dir;  /* outlives the mesh */
-    mn_watch watch;        /* of what comes after reading; zero: nobody */
-    bool keep;             /* triangles, and vertices once they are quantised, are kept spills */
+    uint32_t position_bits; /* of the grid, as in mn_mesh_quantise: mni_grid_bits has looked at it;
+                               0: positions stay where they are, in their own unit */
+    uint64_t work_bytes;    /* at least MNI_EXTMESH_WORK_MIN: all that is taken, the reader's own
+                               buffers and 50 kB of structs apart */
+    uint64_t beside_bytes;  /* what else the process takes: for the number that a refusal names */
+    const char *temp_dir;   /* outlives the mesh */
+    mn_watch watch;         /* of what comes after reading; zero: nobody */
+    bool keep;              /* both are kept spills */
 } mni_extmesh_desc;
 
 #define MNI_EXTMESH_WORK_MIN (UINT64_C(256) << 10)
 
-/* As mn_mesh_read (read->ram_bytes is not asked). MN_NO_SPACE: temp_dir is full; MN_CAP_TOO_SMALL,
- * naming what would do: a bit a vertex does not fit an eighth of work_bytes, or vertices are more
- * than 8 × work_bytes. On failure *out is closed. */
+/* As mn_mesh_read (read->ram_bytes is not asked), and mn_mesh_quantise. MN_NO_SPACE: temp_dir is
+ * full; MN_CAP_TOO_SMALL, naming what would do: a bit a vertex does not fit an eighth of
+ * work_bytes, or vertices are more than 6 × work_bytes. On failure *out is closed. */
 mn_code mni_extmesh_read(const char *path, const mn_read_desc *read, const mni_extmesh_desc *desc,
                          mni_extmesh *out, mn_status *st);
-/* As mn_mesh_quantise, on the disk: vertices are written anew, in a unit that suits floats. */
-mn_code mni_extmesh_quantise(mni_extmesh *mesh, uint32_t bits, const mni_extmesh_desc *desc,
-                             mn_status *st);
 /* A mesh in memory written out. vertex_of: of each id, its vertex there; the caller's. Memory: 24
  * bytes a vertex, 8 a triangle. On failure *out is closed. */
 mn_code mni_extmesh_make(const mn_mesh *mesh, const char *temp_dir, uint32_t *vertex_of,

@@ -2,16 +2,17 @@
  *
  * Vertices are sorted by where they lie along a Z-order curve through the box of all, and by a hash
  * of their position where they share a cell of it; equal positions are then neighbours, the first
- * of the input first, and their rank is their place.
+ * of the input first, and their rank is their place. Of an entry only what the key is made of goes
+ * to the disk, as differences: 12 bytes of 36.
  *
- * The map from pushed vertices to places is an array, of one bucket's vertices at a time: pairs of
- * vertex and place went to their buckets, as corners did before. A bucket's corners are read,
- * looked up and written anew; then all are read side by side, in the sequence that was kept, and
- * are in the input's order again. With one bucket nothing of that is written. A soup's corners are
- * its vertices: its buckets are its triangles, one after the other.
+ * The map from pushed vertices to places is an array, of all vertices or of one bucket's: then
+ * pairs of vertex and place go to their buckets, as triangles did before. A bucket's triangles are
+ * looked up there and then. Of those that lie in several, each bucket finds its corners' places;
+ * then all are read side by side, in the sequence that was kept. A soup's corners are its vertices:
+ * its buckets are its triangles, one after the other.
  *
- * (To sort corners by vertex, to join, and to sort back would move 96 bytes a triangle; this
- * is 30.)
+ * (To sort corners by vertex, to join, and to sort back would move 96 bytes a triangle; this moves
+ * 12 where neighbours in the input are near each other in the model, and at most 40.)
  *
  * Secret: the curve, the buckets. One thread. (design.md §3.1, §3.3) */
 #include "extintake.h"
@@ -19,7 +20,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 
 #include <xxhash.h>
 
@@ -31,20 +31,16 @@ enum {
     SAME_KEY_MAX = 16, /* different positions of one cell and one hash of 64 bits: hardly two */
 };
 
-typedef struct entry { /* what is sorted; wide ones have all of it */
+typedef struct entry { /* what is sorted; of narrow ones, as much as they have */
     uint64_t cell, hash;
-    uint32_t number, rgba;
-    union {
-        float narrow[3];
-        double wide[3];
-    } at;
+    uint32_t word[1 + MNI_EXT_WIDE_WORDS]; /* its number, then a vertex */
 } entry;
-#define NARROW_BYTES (offsetof(entry, at) + 3 * sizeof(float))
-#define WIDE_BYTES (offsetof(entry, at) + 3 * sizeof(double))
+#define NO_CELL UINT64_MAX /* of what is not finite: past all others */
+enum { PACKED_MAX = (1 + MNI_EXT_WIDE_WORDS) * MNI_VARINT32_MAX };
 
-typedef struct pair {
-    uint32_t vertex, place;
-} pair;
+static uint32_t words_of(const mni_extintake *x) {
+    return 1 + mni_ext_count(mni_ext_is_wide(x));
+}
 
 /* Every third bit. */
 static uint64_t spread(uint64_t x) {
@@ -55,95 +51,103 @@ static uint64_t spread(uint64_t x) {
     return (x | x << 2) & UINT64_C(0x1249249249249249);
 }
 
-static uint64_t cell_of(const mni_extintake *x, double scale, const double p[3]) {
+static uint64_t cell_of(const mni_extintake *x, const double p[3]) {
     uint64_t cell = 0;
     for (int i = 0; i < 3; i++) {
-        double step = (p[i] - x->low[i]) * scale;
+        double step = (p[i] - x->low[i]) * x->cells_per_unit;
         uint64_t q = step >= (1 << AXIS_BITS) - 1 ? (1 << AXIS_BITS) - 1 : (uint64_t)step;
         cell |= spread(q) << i;
     }
     return cell;
 }
 
-static bool map_vertex(mni_extintake *x, uint32_t vertex, uint32_t place) {
-    const pair p = {vertex, place};
-    if (x->map == NULL)
-        return mni_ext_bucket_put(x, vertex / x->window, &p, sizeof p);
-    x->map[vertex] = place;
-    return true;
+static void set_key(const mni_extintake *x, entry *e) {
+    const mni_ext_vertex v = mni_ext_vertex_of(e->word + 1, mni_ext_is_wide(x));
+    e->cell = e->hash = NO_CELL;
+    if (isnan(v.position[0]))
+        return;
+    e->cell = cell_of(x, v.position);
+    e->hash = x->apart ? e->word[0] : XXH3_64bits(v.position, sizeof v.position);
 }
+
+static unsigned char *pack(const void *context, unsigned char *to, const void *record,
+                           const void *before) {
+    const entry *e = record, *b = before;
+    return mni_words_put(to, e->word, b->word, words_of(context));
+}
+
+static const unsigned char *unpack(const void *context, const unsigned char *from, void *record) {
+    entry *e = record;
+    from = mni_words_get(from, e->word, words_of(context));
+    set_key(context, e);
+    return from;
+}
+
+/* ---- the map --------------------------------------------------------------------------------- */
 
 static bool take_map(mni_extintake *x) {
     uint64_t vertices = x->vertices < x->window ? x->vertices : x->window;
-    x->map = malloc(vertices * sizeof *x->map + 1);
+    x->map_bytes = vertices * sizeof *x->map + 1;
+    x->map = malloc(x->map_bytes);
     if (x->map == NULL)
         mn_fail(x->st, MN_FAILED, "%s: no memory", x->name);
     return x->map != NULL;
 }
 
-/* ---- vertices ------------------------------------------------------------------------------- */
+static void free_map(mni_extintake *x) {
+    free(x->map);
+    x->map = NULL;
+    x->map_bytes = 0;
+}
 
-static bool sort_vertex(mni_extintake *x, mni_sort *sort, double scale, const double p[3],
-                        uint32_t rgba, uint64_t number) {
-    if (!mni_ext_tell_vertices(x, number))
+static bool map_vertex(mni_extintake *x, uint32_t vertex, uint32_t place) {
+    if (x->map != NULL) {
+        x->map[vertex] = place;
+        return true;
+    }
+    const uint64_t bucket = vertex / x->window;
+    const uint32_t pair[2] = {vertex, place};
+    mni_spill_writer *w = mni_ext_bucket_writer(x, bucket);
+    unsigned char packed[2 * MNI_VARINT32_MAX];
+    if (w == NULL)
         return false;
-    if (isnan(p[0]))
-        return map_vertex(x, (uint32_t)number, MN_NONE);
-    entry e = {.cell = cell_of(x, scale, p), .number = (uint32_t)number, .rgba = rgba};
-    e.hash = x->apart ? number : XXH3_64bits(p, 3 * sizeof *p);
-    if (mni_ext_is_wide(x))
-        memcpy(e.at.wide, p, sizeof e.at.wide);
-    else
-        for (int i = 0; i < 3; i++)
-            e.at.narrow[i] = (float)p[i];
-    mni_sort_put(sort, &e);
+    mni_spill_put(w, packed,
+                  (size_t)(mni_words_put(packed, pair, x->bucket[bucket].last, 2) - packed));
+    memcpy(x->bucket[bucket].last, pair, sizeof pair);
     return true;
 }
 
-static bool sort_vertices(mni_extintake *x, mni_sort *sort) {
-    double size =
-        fmax(fmax(x->high[0] - x->low[0], x->high[1] - x->low[1]), x->high[2] - x->low[2]);
-    double scale = size > 0 ? ldexp(1, AXIS_BITS) / size : 0;
-    mni_spill_reader r;
-    uint64_t number = 0;
-    const mni_ext_narrow *narrow;
-    mni_spill_reader_open(&r, &x->narrow, 0, x->narrow.size_bytes, x->buffer[0], x->buffer_bytes,
-                          true);
-    while ((narrow = mni_spill_take(&r, sizeof *narrow)) != NULL) {
-        const double p[3] = {narrow->position[0], narrow->position[1], narrow->position[2]};
-        if (!sort_vertex(x, sort, scale, p, narrow->rgba, number++))
-            return false;
-    }
-    bool good = mni_ext_spill_good(x, &x->narrow);
-    mni_ext_spill_close(x, &x->narrow);
-    if (x->wide.fd >= 0 && good) {
-        const mni_ext_wide *wide;
-        mni_spill_reader_open(&r, &x->wide, 0, x->wide.size_bytes, x->buffer[0], x->buffer_bytes,
-                              true);
-        while ((wide = mni_spill_take(&r, sizeof *wide)) != NULL)
-            if (!sort_vertex(x, sort, scale, wide->position, wide->rgba, number++))
-                return false;
-        good = mni_ext_spill_good(x, &x->wide);
-    }
-    mni_ext_spill_close(x, &x->wide);
-    MN_ASSERT(!good || number == x->vertices);
-    return good;
-}
+/* ---- vertices ------------------------------------------------------------------------------- */
 
-static void write_place(mni_extintake *x, mni_spill_writer *w, const entry *e) {
-    if (mni_ext_is_wide(x)) {
-        mni_ext_wide v = {{e->at.wide[0], e->at.wide[1], e->at.wide[2]}, e->rgba, 0};
-        mni_spill_put(w, &v, sizeof v);
-    } else {
-        mni_extvertex v = {{e->at.narrow[0], e->at.narrow[1], e->at.narrow[2]}, e->rgba};
-        mni_spill_put(w, &v, sizeof v);
+static bool sort_vertices(mni_extintake *x, mni_sort *sort) {
+    mni_spill_reader r;
+    mni_ext_words last = {0};
+    mni_ext_vertex v;
+    uint64_t number = 0;
+    mni_spill_reader_open(&r, &x->pushed, 0, x->pushed.size_bytes, x->buffer[0], x->buffer_bytes,
+                          true);
+    for (; mni_ext_next(&r, &last, number >= x->narrow_vertices, &v); number++) {
+        const mni_ext_words words = mni_ext_words_of(&v, mni_ext_is_wide(x));
+        entry e = {.word = {(uint32_t)number}};
+        if (!mni_ext_tell_vertices(x, number))
+            return false;
+        memcpy(e.word + 1, words.word, sizeof words);
+        set_key(x, &e);
+        mni_sort_put(sort, &e);
     }
+    MN_ASSERT(number == x->vertices || x->pushed.trouble.code != MN_OK);
+    bool good = mni_ext_spill_good(x, &x->pushed);
+    mni_ext_spill_close(x, &x->pushed);
+    return good;
 }
 
 /* In order: the first of each position becomes a place. */
 static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
-    size_t bytes = mni_ext_is_wide(x) ? WIDE_BYTES : NARROW_BYTES, at = offsetof(entry, at);
-    entry same[SAME_KEY_MAX], e; /* places of this cell and hash, the last ones */
+    const bool wide = mni_ext_is_wide(x);
+    const size_t bytes = offsetof(entry, word) + words_of(x) * sizeof(uint32_t),
+                 position_bytes = (words_of(x) - 2) * sizeof(uint32_t);
+    entry same[SAME_KEY_MAX] = {0}, e = {0}; /* places of this cell and hash, the last ones */
+    mni_ext_words last = {0};
     uint32_t count = 0;
     uint64_t done = x->vertices;
     const void *record;
@@ -151,11 +155,15 @@ static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
     mni_spill_writer_open(&w, &x->placed, x->buffer[1], x->buffer_bytes);
     while ((record = mni_sort_next(sort, x->st)) != NULL && mni_ext_tell_vertices(x, done++)) {
         memcpy(&e, record, bytes);
+        if (e.cell == NO_CELL) {
+            if (!map_vertex(x, e.word[0], MN_NONE))
+                return false;
+            continue;
+        }
         if (count > 0 && (same[0].cell != e.cell || same[0].hash != e.hash))
             count = 0;
         uint32_t i = 0;
-        while (i < count &&
-               memcmp((const char *)&same[i] + at, (const char *)&e + at, bytes - at) != 0)
+        while (i < count && memcmp(same[i].word + 1, e.word + 1, position_bytes) != 0)
             i++;
         if (i == SAME_KEY_MAX) {
             mn_fail(x->st, MN_BAD_INPUT, "%s: made to collide: its vertices cannot be told apart",
@@ -163,11 +171,12 @@ static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
             return false;
         }
         if (i == count) {
+            const mni_ext_vertex place = mni_ext_vertex_of(e.word + 1, wide);
             same[count++] = e;
-            write_place(x, &w, &e);
+            mni_ext_put(&w, &last, wide, &place);
             x->places++;
         }
-        if (!map_vertex(x, e.number, (uint32_t)(x->places - count + i)))
+        if (!map_vertex(x, e.word[0], (uint32_t)(x->places - count + i)))
             return false;
     }
     mni_spill_end(&w);
@@ -175,13 +184,21 @@ static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
 }
 
 bool mni_ext_place_vertices(mni_extintake *x) {
+    const mni_sort_packing packing = {PACKED_MAX, pack, unpack, x};
+    const mni_sort_desc desc = {
+        .record_bytes = (uint32_t)(offsetof(entry, word) + words_of(x) * sizeof(uint32_t)),
+        .key = MNI_SORT_U128,
+        .budget_bytes = mni_ext_share(x, MNI_EXT_SORT_SHARE),
+        .after_bytes = mni_ext_share(x, MNI_EXT_AFTER_SHARE),
+        .packing = &packing};
+    const double size =
+        fmax(fmax(x->high[0] - x->low[0], x->high[1] - x->low[1]), x->high[2] - x->low[2]);
+    x->cells_per_unit = size > 0 ? ldexp(1, AXIS_BITS) / size : 0;
     mni_sort *sort = NULL;
-    uint32_t bytes = (uint32_t)(mni_ext_is_wide(x) ? WIDE_BYTES : NARROW_BYTES);
     bool one = mni_ext_buckets(x) == 1;
-    bool ok =
-        (!one || take_map(x)) && mni_ext_spill_open(x, &x->placed) &&
-        mni_ext_sort_open(x, &sort, bytes, MNI_SORT_U128, one ? MNI_EXT_QUARTER : MNI_EXT_HALF) &&
-        sort_vertices(x, sort) && mni_sort_finish(sort, x->st) == MN_OK && weld_sorted(x, sort);
+    bool ok = mni_ext_spill_open(x, &x->placed) && mni_ext_sort_open(x, &sort, &desc) &&
+              sort_vertices(x, sort) && mni_sort_finish(sort, x->st) == MN_OK &&
+              (!one || take_map(x)) && weld_sorted(x, sort);
     mni_ext_sort_close(x, &sort);
     x->counts.welded_vertices = x->vertices - x->nonfinite - x->places;
     if (ok && x->places > MNI_VERTICES_MAX) { /* a soup's: others have been counted as they came */
@@ -209,124 +226,118 @@ static bool end_pairs(mni_extintake *x) {
 /* The map of one bucket: each of its vertices has a pair. */
 static bool load_map(mni_extintake *x, mni_ext_bucket *b) {
     mni_spill_reader r;
-    const pair *p;
+    uint32_t pair[2] = {0};
+    const unsigned char *at;
     mni_spill_reader_open(&r, &b->spill, b->pairs, b->found, x->buffer[0], x->buffer_bytes, true);
-    while ((p = mni_spill_take(&r, sizeof *p)) != NULL)
-        x->map[p->vertex % x->window] = p->place;
+    while ((at = mni_spill_peek(&r, sizeof pair / 4 * MNI_VARINT32_MAX)) != NULL) {
+        mni_spill_skip(&r, mni_words_get(at, pair, 2));
+        x->map[pair[0] % x->window] = pair[1];
+    }
     return mni_ext_spill_good(x, &b->spill);
 }
 
-/* Corners, from vertices to places. */
+static uint32_t place_of(const mni_extintake *x, uint32_t vertex) {
+    MN_ASSERT(vertex < x->vertices); /* readers have seen to it */
+    return x->map[vertex % x->window];
+}
+
+/* A bucket's triangles, by places; and lone corners, for the sequence. */
 static bool look_up(mni_extintake *x, mni_ext_bucket *b) {
     mni_spill_reader r;
     mni_spill_writer w;
-    const uint32_t *corner;
+    mni_ext_item item = {0};
+    uint32_t last[2] = {0}, last_place = 0;
+    const unsigned char *at;
     mni_spill_reader_open(&r, &b->spill, 0, b->pairs, x->buffer[0], x->buffer_bytes, true);
     mni_spill_writer_open(&w, &b->spill, x->buffer[1], x->buffer_bytes);
-    while ((corner = mni_spill_take(&r, sizeof *corner)) != NULL)
-        mni_spill_put(&w, &x->map[*corner % x->window], sizeof *x->map);
+    while ((at = mni_spill_peek(&r, MNI_EXT_ITEM_MAX)) != NULL) {
+        mni_spill_skip(&r, mni_ext_item_get(at, &item, last));
+        uint32_t place[3] = {place_of(x, item.corner[0])};
+        if (item.lone) {
+            unsigned char packed[MNI_VARINT32_MAX];
+            mni_spill_put(&w, packed,
+                          (size_t)(mni_words_put(packed, place, &last_place, 1) - packed));
+            last_place = place[0];
+            continue;
+        }
+        place[1] = place_of(x, item.corner[1]);
+        place[2] = place_of(x, item.corner[2]);
+        if (!mni_ext_judge(x, place, item.number))
+            return false;
+    }
     mni_spill_end(&w);
     return mni_ext_spill_good(x, &b->spill);
 }
 
-/* All buckets side by side, each corner from the one that the sequence says. */
+/* The next place that was found in a bucket. */
+static bool next_found(mni_extintake *x, uint8_t bucket, uint32_t *place) {
+    mni_ext_bucket *b = &x->bucket[bucket];
+    const unsigned char *at = mni_spill_peek(&b->from, MNI_VARINT32_MAX);
+    if (at == NULL)
+        return mni_ext_spill_good(x, &b->spill) && false;
+    mni_spill_skip(&b->from, mni_words_get(at, b->last, 1));
+    *place = b->last[0];
+    return true;
+}
+
+/* Triangles in several buckets: these side by side, each corner from the one that it was in. */
 static bool in_sequence(mni_extintake *x) {
     mni_spill_reader r;
-    uint32_t place[3];
+    uint32_t number = 0, place[3];
+    const unsigned char *at;
+    if (x->sequence.fd < 0)
+        return true;
     for (uint64_t k = 0; k < mni_ext_buckets(x); k++) {
         mni_ext_bucket *b = &x->bucket[k];
+        memset(b->last, 0, sizeof b->last);
         if (b->spill.fd >= 0)
             mni_spill_reader_open(&b->from, &b->spill, b->found, b->spill.size_bytes, b->buffer,
                                   x->bucket_bytes, true);
     }
-    if (x->sequence.fd >= 0)
-        mni_spill_reader_open(&r, &x->sequence, 0, x->sequence.size_bytes, x->buffer[0],
-                              x->buffer_bytes, true);
-    for (uint64_t i = 0; i < 3 * x->triangles; i++) {
-        static const uint8_t first = 0;
-        const uint8_t *k =
-            x->sequence.fd < 0 || i < x->sequence_begin ? &first : mni_spill_take(&r, 1);
-        if (k == NULL)
-            return mni_ext_spill_good(x, &x->sequence);
-        const uint32_t *found = mni_spill_take(&x->bucket[*k].from, sizeof *found);
-        if (found == NULL)
-            return mni_ext_spill_good(x, &x->bucket[*k].spill);
-        place[i % 3] = *found;
-        if (i % 3 < 2)
-            continue;
-        if (!mni_ext_tell_triangles(x, i / 3))
+    mni_spill_reader_open(&r, &x->sequence, 0, x->sequence.size_bytes, x->buffer[0],
+                          x->buffer_bytes, true);
+    while ((at = mni_spill_peek(&r, MNI_VARINT32_MAX + 3)) != NULL) {
+        number += (uint32_t)mni_varint_get(&at);
+        for (int i = 0; i < 3; i++)
+            if (!next_found(x, at[i], &place[i]))
+                return false;
+        mni_spill_skip(&r, at + 3);
+        if (!mni_ext_judge(x, place, number))
             return false;
-        mni_ext_judge(x, place, (uint32_t)(i / 3));
     }
-    return true;
+    return mni_ext_spill_good(x, &x->sequence);
 }
 
 static bool triangles_by_buckets(mni_extintake *x) {
+    const bool whole = mni_ext_buckets(x) == 1; /* the map is there already */
     for (uint64_t k = 0; k < mni_ext_buckets(x); k++) {
         mni_ext_bucket *b = &x->bucket[k];
-        if (b->spill.fd >= 0 && (!load_map(x, b) || !look_up(x, b)))
+        if (b->spill.fd >= 0 && ((!whole && !load_map(x, b)) || !look_up(x, b)))
             return false;
     }
-    free(x->map);
-    x->map = NULL;
-    return mni_ext_faces_open(x) && in_sequence(x);
-}
-
-/* The map is of all vertices, and all corners are in the first bucket. */
-static bool triangles_by_map(mni_extintake *x) {
-    mni_ext_bucket *b = &x->bucket[0];
-    mni_spill_reader r;
-    const uint32_t *corner;
-    if (b->spill.fd < 0)
-        return true; /* no triangle */
-    mni_spill_reader_open(&r, &b->spill, 0, b->pairs, x->buffer[0], x->buffer_bytes, true);
-    for (uint32_t t = 0; (corner = mni_spill_take(&r, 3 * sizeof *corner)) != NULL; t++) {
-        const uint32_t place[3] = {x->map[corner[0]], x->map[corner[1]], x->map[corner[2]]};
-        if (!mni_ext_tell_triangles(x, t))
-            return false;
-        mni_ext_judge(x, place, t);
-    }
-    return mni_ext_spill_good(x, &b->spill);
-}
-
-/* Gives the memory of the buckets' buffers back: map and sort need it. */
-static void release_buffers(const mni_extintake *x) {
-    enum { PAGE_BYTES = 4096 };
-    uintptr_t from = (uintptr_t)x->bucket[0].buffer;
-    uintptr_t to = from + MNI_EXT_BUCKETS * x->bucket_bytes;
-    from = (from + PAGE_BYTES - 1) / PAGE_BYTES * PAGE_BYTES;
-    to = to / PAGE_BYTES * PAGE_BYTES;
-    if (to > from)
-        (void)madvise((void *)from, to - from, MADV_DONTNEED);
+    return in_sequence(x);
 }
 
 /* A bucket's vertices are its triangles' corners. */
 static bool triangles_of_soup(mni_extintake *x) {
-    bool whole = mni_ext_buckets(x) == 1; /* the map is there already */
-    release_buffers(x);
+    const bool whole = mni_ext_buckets(x) == 1;
     for (uint64_t t = 0; t < x->triangles; t++) {
         uint64_t at = 3 * t % x->window;
         if (at == 0 && !whole && !load_map(x, &x->bucket[3 * t / x->window]))
             return false;
-        if (!mni_ext_tell_triangles(x, t))
+        if (!mni_ext_judge(x, x->map + at, (uint32_t)t))
             return false;
-        mni_ext_judge(x, x->map + at, (uint32_t)t);
     }
     return true;
 }
 
 bool mni_ext_place_triangles(mni_extintake *x) {
-    bool one = mni_ext_buckets(x) == 1, ok = one || (end_pairs(x) && take_map(x));
-    if (x->soup)
-        ok = ok && mni_ext_faces_open(x) && triangles_of_soup(x);
-    else if (one)
-        ok = ok && mni_ext_faces_open(x) && triangles_by_map(x);
-    else
-        ok = ok && triangles_by_buckets(x);
+    bool ok = mni_ext_buckets(x) == 1 || (end_pairs(x) && take_map(x));
+    ok = ok && mni_ext_faces_open(x) && (x->soup ? triangles_of_soup(x) : triangles_by_buckets(x));
+    MN_ASSERT(!ok || x->judged == x->triangles);
     for (int i = 0; i < MNI_EXT_BUCKETS; i++)
         mni_ext_spill_close(x, &x->bucket[i].spill);
     mni_ext_spill_close(x, &x->sequence);
-    free(x->map);
-    x->map = NULL;
+    free_map(x);
     return ok;
 }

@@ -14,6 +14,15 @@
 #include "grid.h"
 #include "metanode/build.h"
 
+mn_code mni_grid_bits(uint32_t *bits, mn_status *st) {
+    if (*bits == 0)
+        *bits = MN_POSITION_BITS;
+    if (*bits >= MN_POSITION_BITS_MIN && *bits <= MN_POSITION_BITS_MAX)
+        return MN_OK;
+    return mn_fail(st, MN_USAGE, "%u bits a position: %d to %d", *bits, MN_POSITION_BITS_MIN,
+                   MN_POSITION_BITS_MAX);
+}
+
 float mni_grid_step(const float low[3], const float high[3], uint32_t bits) {
     double longest = 0, farthest = 0;
     for (int i = 0; i < 3; i++) {
@@ -72,11 +81,8 @@ static bool count_places(const mn_mesh *m, uint64_t *places) {
 
 mn_code mn_mesh_quantise(mn_mesh *m, uint32_t bits, mn_status *st) {
     uint64_t before = 0, after = 0;
-    if (bits == 0)
-        bits = MN_POSITION_BITS;
-    if (bits < MN_POSITION_BITS_MIN || bits > MN_POSITION_BITS_MAX)
-        return mn_fail(st, MN_USAGE, "%u bits a position: %d to %d", bits, MN_POSITION_BITS_MIN,
-                       MN_POSITION_BITS_MAX);
+    if (mni_grid_bits(&bits, st) != MN_OK)
+        return MN_USAGE;
     if (!count_places(m, &before))
         return mn_fail(st, MN_FAILED, "no memory to look for equal ones of %u positions",
                        m->vertices);

@@ -6,6 +6,10 @@
 #include <math.h>
 #include <stdint.h>
 
+#include "metanode/status.h"
+
+/* 0 becomes the default; MN_USAGE: there is no such grid. */
+mn_code mni_grid_bits(uint32_t *bits, mn_status *st);
 /* Of a box of finite floats. */
 float mni_grid_step(const float low[3], const float high[3], uint32_t bits);
 

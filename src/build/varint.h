@@ -35,4 +35,19 @@ static inline uint32_t mni_unfold(uint64_t folded, uint32_t from) {
     return folded & 1 ? (uint32_t)(from - half - 1) : (uint32_t)(from + half);
 }
 
+/* Words that are like those before: behind what was put, at most MNI_VARINT32_MAX bytes each. */
+static inline unsigned char *mni_words_put(unsigned char *to, const uint32_t *word,
+                                           const uint32_t *before, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++)
+        to = mni_varint_put(to, mni_fold(word[i], before[i]));
+    return to;
+}
+/* In the place of those before. */
+static inline const unsigned char *mni_words_get(const unsigned char *from, uint32_t *word,
+                                                 uint32_t count) {
+    for (uint32_t i = 0; i < count; i++)
+        word[i] = mni_unfold(mni_varint_get(&from), word[i]);
+    return from;
+}
+
 #endif

@@ -17,6 +17,7 @@
 
 #include "block_rows.h"
 #include "clock.h"
+#include "grid.h"
 #include "order.h"
 #include "rounds.h"
 #include "tree.h"
@@ -250,28 +251,25 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
 static mn_code read_phase(maker *m) {
     mni_spill *const spills[] = {&m->mesh.vertex, &m->mesh.triangle};
     double start_s = mni_now_s();
+    uint32_t bits = m->simplify.position_bits;
     mni_in in;
-    mn_code code = mni_in_open(&in, m->in, m->st);
+    mn_code code = mni_grid_bits(&bits, m->st);
+    if (code == MN_OK)
+        code = mni_in_open(&in, m->in, m->st);
     if (code != MN_OK)
         return code;
     uint64_t in_bytes = in.size_bytes, most = 16 * in_bytes + (64 << 20); /* more is not used */
     mni_in_close(&in);
-    mni_extmesh_desc desc = {.work_bytes =
+    mni_extmesh_desc desc = {.position_bits = bits,
+                             .work_bytes =
                                  m->work_bytes > 0 && m->work_bytes < most ? m->work_bytes : most,
                              .beside_bytes = BESIDE_BYTES,
                              .temp_dir = m->temp_dir,
                              .watch = m->watch,
                              .keep = m->work != NULL};
     code = mni_extmesh_read(m->in, &m->read, &desc, &m->mesh, m->st);
-    if (code != MN_OK)
-        return code;
-    uint64_t read = m->mesh.vertex.bytes_read, written = m->mesh.vertex.bytes_written;
-    code = mni_extmesh_quantise(&m->mesh, m->simplify.position_bits, &desc, m->st);
-    read = m->mesh.vertex.bytes_read - read;
-    written = m->mesh.vertex.bytes_written - written;
-    m->vdt->figures.read =
-        (mn_phase_figures){mni_now_s() - start_s, in_bytes + m->mesh.bytes_read + read,
-                           m->mesh.bytes_written + written};
+    m->vdt->figures.read = (mn_phase_figures){mni_now_s() - start_s, in_bytes + m->mesh.bytes_read,
+                                              m->mesh.bytes_written};
     if (code != MN_OK)
         return code;
     read_facts facts = facts_of_mesh(m);

@@ -15,6 +15,7 @@
 #include <xxhash.h>
 
 #include "disk_help.h"
+#include "unit.h"
 
 static char folder[] = "/tmp/mn-extmesh-XXXXXX";
 static char path[64];
@@ -70,13 +71,14 @@ static int by_place(const void *a, const void *b) {
     return memcmp(a, b, sizeof(mni_extvertex));
 }
 
-static void compare_vertices(const mn_mesh *mesh, const mni_extvertex *vertex) {
+static void compare_vertices(const mn_mesh *mesh, const mni_extvertex *vertex, int unit) {
     const uint64_t bytes = mesh->vertices * sizeof *vertex;
     mni_extvertex *there = malloc(bytes), *here = malloc(bytes);
     memcpy(there, vertex, bytes);
     for (uint32_t i = 0; i < mesh->vertices; i++) {
         here[i].rgba = mesh->color != NULL ? mesh->color[i] : UINT32_MAX;
-        memcpy(here[i].position, mesh->position + 3 * (uint64_t)i, 12);
+        for (int c = 0; c < 3; c++)
+            here[i].position[c] = mni_unit_length(mesh->position[3 * (uint64_t)i + c], -unit);
     }
     qsort(there, mesh->vertices, sizeof *there, by_place);
     qsort(here, mesh->vertices, sizeof *here, by_place);
@@ -86,7 +88,7 @@ static void compare_vertices(const mn_mesh *mesh, const mni_extvertex *vertex) {
 }
 
 static void compare_triangles(const mn_mesh *mesh, const mni_extvertex *vertex,
-                              const mni_exttriangle *triangle) {
+                              const mni_exttriangle *triangle, int unit) {
     look *there = malloc(mesh->triangles * sizeof *there),
          *here = malloc(mesh->triangles * sizeof *here);
     for (uint64_t t = 0; t < mesh->triangles; t++) {
@@ -98,7 +100,10 @@ static void compare_triangles(const mn_mesh *mesh, const mni_extvertex *vertex,
         there[t] = look_of(corner);
         for (uint32_t c = 0; c < 3; c++) {
             const uint32_t v = mesh->corner[3 * t + c];
-            take_corner(corner[c], mesh->position + 3 * (uint64_t)v,
+            const float *p = mesh->position + 3 * (uint64_t)v;
+            take_corner(corner[c],
+                        (float[3]){mni_unit_length(p[0], -unit), mni_unit_length(p[1], -unit),
+                                   mni_unit_length(p[2], -unit)},
                         mesh->color != NULL ? mesh->color[v] : UINT32_MAX);
         }
         here[t] = look_of(corner);
@@ -142,33 +147,36 @@ static void compare(const mn_mesh *mesh, mni_extmesh *x) {
     ck_assert_uint_eq(x->vertices, mesh->vertices);
     ck_assert_uint_eq(x->triangles, mesh->triangles);
     ck_assert_int_eq(x->has_colors, mesh->color != NULL);
+    ck_assert(x->grid_step == mesh->grid_step);
     ck_assert_uint_eq(x->vertex.size_bytes, x->vertices * sizeof(mni_extvertex));
     mni_extvertex *v = load_spill(&x->vertex);
     mni_exttriangle *t = load_triangles(x);
     for (uint64_t i = 1; i < x->triangles; i++) /* along the vertices' order */
         ck_assert_uint_ge(t[i].corner[0], t[i - 1].corner[0]);
-    compare_vertices(mesh, v);
-    compare_triangles(mesh, v, t);
+    compare_vertices(mesh, v, x->unit);
+    compare_triangles(mesh, v, t, x->unit);
     free(v);
     free(t);
 }
 
-static mn_code read_external(const char *file, const mn_read_desc *read, uint64_t work,
-                             mni_extmesh *x, mn_status *st) {
-    const mni_extmesh_desc desc = {.work_bytes = work, .temp_dir = folder};
+static mn_code read_external(const char *file, const mn_read_desc *read, uint32_t bits,
+                             uint64_t work, mni_extmesh *x, mn_status *st) {
+    const mni_extmesh_desc desc = {.position_bits = bits, .work_bytes = work, .temp_dir = folder};
     *st = (mn_status){0};
     return mni_extmesh_read(file, read, &desc, x, st);
 }
 
-/* Both readers, all budgets: the same mesh, or the same words. */
-static void check_file(const char *file, const mn_read_desc *read) {
+/* Both readers, all budgets: the same mesh on that grid (0: on none), or the same words. */
+static void check_bits(const char *file, const mn_read_desc *read, uint32_t bits) {
     static const uint64_t works[] = {MNI_EXTMESH_WORK_MIN, 1 << 20, 64 << 20};
     mn_mesh mesh;
     mn_status st = {0}, own;
     mn_code code = mn_mesh_read(file, read, &mesh, &st);
+    if (code == MN_OK && bits > 0)
+        code = mn_mesh_quantise(&mesh, bits, &st);
     for (int i = 0; i < 3; i++) {
         mni_extmesh x;
-        mn_code external = read_external(file, read, works[i], &x, &own);
+        mn_code external = read_external(file, read, bits, works[i], &x, &own);
         ck_assert_msg(external == code, "%d instead of %d: %s", external, code, own.text);
         if (code == MN_OK)
             compare(&mesh, &x);
@@ -180,10 +188,18 @@ static void check_file(const char *file, const mn_read_desc *read) {
     mn_mesh_free(&mesh);
 }
 
+static void check_file(const char *file, const mn_read_desc *read) {
+    check_bits(file, read, 0);
+    check_bits(file, read, 16);
+}
+
 static void check_text(const char *text) {
     write_file(text, strlen(text));
-    check_file(path, NULL);
-    check_file(path, &apart);
+    static const uint32_t bits[] = {0, MN_POSITION_BITS_MIN, 16, 21, MN_POSITION_BITS_MAX};
+    for (int i = 0; i < 5; i++) {
+        check_bits(path, NULL, bits[i]);
+        check_bits(path, &apart, bits[i]);
+    }
 }
 
 /* ---- rules ---------------------------------------------------------------------------------- */
@@ -216,6 +232,12 @@ START_TEST(every_rule) {
         "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 0 0 0 1 1 1\nv 0 0 1\nf 4 2 3\nf 1 2 5\n",
         /* all in one place but one */
         "v 0 0 0\nv 0 0 1e-30\nv 0 1e-30 0\nv 1e30 0 0\nf 1 2 3\nf 3 2 4\n",
+        /* 2^21 steps along a side, from a place between two: the last one's number is past what
+         * it has bits for, and neighbours at that end are two places still */
+        "v 0.4 0.4 0\nv 3 2097151 0\nv 4 2097151 0\nv 7 7 7\nf 1 2 3\nf 1 2 4\n",
+        /* some that fall together on coarse grids, some on none */
+        "v 0 0 0\nv 1 1 1\nv 0.001 0 0\nv 0.002 0 0\nv 1 1 1\nv -0.001 0 0\nf 1 2 3\nf 4 5 6\n"
+        "f 1 2 6\n",
         /* a face of a vertex that is not there: said by the reader */
         TRIANGLE "f 1 2 9\n", "v 1 2\n", ""};
     check_text(texts[_i]);
@@ -226,7 +248,7 @@ START_TEST(there_is_no_file) {
     mni_extmesh x;
     mn_status st;
     check_file("/nowhere/at/all.ply", NULL);
-    ck_assert_int_eq(read_external(folder, NULL, 1 << 20, &x, &st), MN_BAD_INPUT);
+    ck_assert_int_eq(read_external(folder, NULL, 0, 1 << 20, &x, &st), MN_BAD_INPUT);
 }
 END_TEST
 
@@ -299,7 +321,7 @@ START_TEST(real_meshes) {
                                         "armadillo.obj"};
     const char *name = real_mesh(names[_i]);
     if (name != NULL)
-        check_file(name, NULL);
+        check_bits(name, NULL, 16);
 }
 END_TEST
 
@@ -311,8 +333,8 @@ START_TEST(made_models) {
     mn_status st = {0};
     mni_extmesh x;
     ck_assert_int_eq(mn_make(path, &make, &st), MN_OK);
-    check_file(path, NULL);
-    ck_assert_int_eq(read_external(path, NULL, 1 << 20, &x, &st), MN_OK);
+    check_bits(path, NULL, 16);
+    ck_assert_int_eq(read_external(path, NULL, 16, 1 << 20, &x, &st), MN_OK);
     ck_assert_uint_eq(x.nonmanifold_edges, 0);
     ck_assert_int_eq(x.boundary_edges > 0, _i == MN_SHAPE_TERRAIN);
     mni_exttriangle *t = load_triangles(&x);
@@ -336,9 +358,12 @@ START_TEST(kept_files_are_the_meshs) {
     mni_extmesh x;
     ck_assert_int_eq(mn_make(path, &make, &st), MN_OK);
     ck_assert_msg(mni_extmesh_read(path, NULL, &desc, &x, &st) == MN_OK, "%s", st.text);
-    void *t = load_spill(&x.triangle);
-    ck_assert_uint_eq(mni_spill_sum(&x.triangle), XXH3_64bits(t, x.triangle.size_bytes));
-    free(t);
+    for (int i = 0; i < 2; i++) {
+        mni_spill *kept = i == 0 ? &x.vertex : &x.triangle;
+        void *bytes = load_spill(kept);
+        ck_assert_uint_eq(mni_spill_sum(kept), XXH3_64bits(bytes, kept->size_bytes));
+        free(bytes);
+    }
     mni_extmesh_close(&x);
 }
 END_TEST
@@ -367,7 +392,7 @@ START_TEST(full_disks) {
     for (rlim_t limit = 1000;; limit += limit / 4, failed++) {
         small = (struct rlimit){.rlim_cur = limit, .rlim_max = old.rlim_max};
         setrlimit(RLIMIT_FSIZE, &small);
-        mn_code code = read_external(path, NULL, MNI_EXTMESH_WORK_MIN, &x, &st);
+        mn_code code = read_external(path, NULL, 16, MNI_EXTMESH_WORK_MIN, &x, &st);
         setrlimit(RLIMIT_FSIZE, &old);
         if (code == MN_OK)
             break;
@@ -406,12 +431,10 @@ START_TEST(interrupted) {
     for (; code != MN_OK; times++) {
         impatience i = {.left = times};
         const mni_extmesh_desc desc = {
-            .work_bytes = 1 << 20, .temp_dir = folder, .watch = {ask, &i}};
+            .position_bits = 16, .work_bytes = 1 << 20, .temp_dir = folder, .watch = {ask, &i}};
         mni_extmesh x;
         st = (mn_status){0};
         code = mni_extmesh_read(path, NULL, &desc, &x, &st);
-        if (code == MN_OK)
-            code = mni_extmesh_quantise(&x, 0, &desc, &st);
         if (code != MN_OK) {
             ck_assert_int_eq(code, MN_FAILED);
             ck_assert_str_eq(st.text, "interrupted");
@@ -436,7 +459,7 @@ END_TEST
 
 /* More vertices than bits for them, or than can be numbered: the number that is named is enough. */
 START_TEST(too_little_memory) {
-    const uint64_t vertices = _i == 0 ? 300000 : 8 * MNI_EXTMESH_WORK_MIN + 300000;
+    const uint64_t vertices = _i == 0 ? 300000 : 6 * MNI_EXTMESH_WORK_MIN + 300000;
     mni_extmesh_desc desc = {
         .work_bytes = MNI_EXTMESH_WORK_MIN, .beside_bytes = 3 << 20, .temp_dir = folder};
     mn_status st = {0};
@@ -478,7 +501,7 @@ int main(void) {
     Suite *suite = suite_create("extmesh");
     TCase *tc = tcase_create("extmesh");
     tcase_set_timeout(tc, 60);
-    tcase_add_loop_test(tc, every_rule, 0, 16);
+    tcase_add_loop_test(tc, every_rule, 0, 18);
     tcase_add_test(tc, there_is_no_file);
     tcase_add_loop_test(tc, random_meshes, 0, 8);
     tcase_add_test(tc, soups);

@@ -6,8 +6,6 @@
 #include <string.h>
 
 #include "block.h"
-#include "disk_help.h"
-#include "extmesh.h"
 #include "suite.h"
 #include "tree_fixture.h"
 
@@ -71,63 +69,6 @@ START_TEST(what_falls_together_is_counted) {
 }
 END_TEST
 
-/* Many vertices in few places, some in the same one from the start. */
-START_TEST(on_the_disk_as_in_memory) {
-    uint64_t random = fixture_seed(42);
-    for (uint32_t round = 0; round < 60; round++) {
-        float at[3 * VERTICES];
-        uint32_t corner[3] = {0, 1, 2}, vertex_of[VERTICES], bits = 8 + round % 16;
-        uint64_t places = 2 + fixture_random(&random) % 2000;
-        for (int i = 0; i < 3 * VERTICES; i++)
-            at[i] = (float)(fixture_random(&random) % places) * 0.37f - (float)(round % 2) * 200;
-        mn_mesh m;
-        mni_extmesh x;
-        mn_status st = {0};
-        cloud(&m, at, round < 3 ? 1 + round : VERTICES);
-        m.triangles = 1;
-        m.corner = corner;
-        m.intake.merged_positions = round;
-        if (m.vertices < 3)
-            m.triangles = 0;
-        ck_assert_msg(mni_extmesh_make(&m, "/tmp", vertex_of, &x, &st) == MN_OK, "%s", st.text);
-        const mni_extmesh_desc desc = {.work_bytes = MNI_EXTMESH_WORK_MIN, .temp_dir = "/tmp"};
-        ck_assert_msg(mni_extmesh_quantise(&x, bits, &desc, &st) == MN_OK, "%s", st.text);
-        ck_assert_int_eq(mn_mesh_quantise(&m, bits, &st), MN_OK);
-        ck_assert(x.grid_step == m.grid_step);
-        ck_assert_uint_eq(x.intake.merged_positions, m.intake.merged_positions);
-        ck_assert_uint_eq(x.vertex.size_bytes, m.vertices * sizeof(mni_extvertex));
-        mni_extvertex *v = load_spill(&x.vertex);
-        for (uint32_t id = 0; id < m.vertices; id++)
-            ck_assert_mem_eq(v[id].position, m.position + 3 * (size_t)vertex_of[id], 12);
-        if (round == 0)
-            ck_assert_int_eq(mni_extmesh_quantise(&x, MN_POSITION_BITS_MAX + 1, &desc, &st),
-                             MN_USAGE);
-        free(v);
-        mni_extmesh_close(&x);
-    }
-}
-END_TEST
-
-/* 2^21 steps along a side, from a place between two: the last one's number is past what it has bits
- * for, and neighbours at that end are two places still. */
-START_TEST(the_last_step_of_a_side) {
-    float at[] = {0.4f, 0.4f, 0, 3, 2097151, 0, 4, 2097151, 0, 7, 7, 7};
-    uint32_t corner[3] = {0, 1, 2}, vertex_of[4];
-    mn_mesh m;
-    mni_extmesh x;
-    mn_status st = {0};
-    const mni_extmesh_desc desc = {.work_bytes = MNI_EXTMESH_WORK_MIN, .temp_dir = "/tmp"};
-    cloud(&m, at, 4);
-    m.triangles = 1;
-    m.corner = corner;
-    ck_assert_msg(mni_extmesh_make(&m, "/tmp", vertex_of, &x, &st) == MN_OK, "%s", st.text);
-    ck_assert_msg(mni_extmesh_quantise(&x, 21, &desc, &st) == MN_OK, "%s", st.text);
-    ck_assert_float_eq(x.grid_step, 1);
-    ck_assert_uint_eq(x.intake.merged_positions, 0);
-    mni_extmesh_close(&x);
-}
-END_TEST
-
 START_TEST(limits) {
     float one[] = {3, -5, 0.1f}, zero[] = {0, 0, 0, -0.0f, 0, 0},
           least[] = {0, 0, 0, 0x1p-149f, 0, 0x1p-148f};
@@ -152,8 +93,6 @@ int main(void) {
     TCase *t = tcase_create("grid");
     tcase_add_test(t, the_nearest_of_one_grid);
     tcase_add_test(t, what_falls_together_is_counted);
-    tcase_add_test(t, on_the_disk_as_in_memory);
-    tcase_add_test(t, the_last_step_of_a_side);
     tcase_add_test(t, limits);
     suite_add_tcase(s, t);
     return suite_run(s);
