@@ -22,7 +22,6 @@ static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, 
     s->desc.metric = cell->desc.metric;
     s->st = st;
     cell->node = calloc(vertices, sizeof *cell->node);
-    cell->number = malloc(((size_t)cell->simplices + 1) * sizeof *cell->number);
     mn_code code = mni_surface_room(&s->surface, vertices, triangles, hinges, st);
     if (code == MN_OK)
         code = mni_judge_room(&s->judge, vertices, triangles, st);
@@ -33,8 +32,7 @@ static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, 
     s->part.closed = malloc(vertices * sizeof *s->part.closed);
     s->part.key = calloc(vertices, sizeof *s->part.key);
     s->part.id = malloc(vertices * sizeof *s->part.id);
-    if (cell->node == NULL || cell->number == NULL || s->part.closed == NULL ||
-        s->part.id == NULL || s->part.key == NULL)
+    if (cell->node == NULL || s->part.closed == NULL || s->part.id == NULL || s->part.key == NULL)
         return no_memory(vertices, st);
     return MN_OK;
 }
@@ -87,7 +85,6 @@ static void load_hand(mni_cell *cell, const mni_hand *h) {
         for (int c = 0; c < 3 && crosses; c++)
             cell->s.part.closed[v[c]] = 0;
         place_simplex(cell, t, v, h->triangle[t].corner);
-        cell->number[t] = h->number + t - h->copies; /* a copy stays here, whatever its number */
     }
 }
 
@@ -114,6 +111,7 @@ mn_code mni_cell_open_dealt(mni_cell *cell, const mni_cell_desc *desc, const mni
 
 /* Ids of a cell's vertices, hashed: open addresses, half of them free. */
 typedef struct places {
+    uint32_t *id; /* by vertex */
     uint32_t *at; /* index; MN_NONE: free */
     uint32_t mask;
 } places;
@@ -123,161 +121,206 @@ static uint32_t place_hash(uint32_t id) {
     return i ^ i >> 15;
 }
 
-static uint32_t place_of(const places *p, const mni_wire_vertex *vertex, uint32_t id) {
+static uint32_t place_of(const places *p, uint32_t id) {
     for (uint32_t i = place_hash(id);; i++) {
         uint32_t at = p->at[i & p->mask];
-        if (at == MN_NONE || vertex[at].at.id == id)
+        if (at == MN_NONE || p->id[at] == id)
             return at;
     }
 }
 
-static bool places_open(places *p, const mni_wire_vertex *vertex, uint32_t count) {
+static void places_close(places *p) {
+    free(p->id);
+    free(p->at);
+}
+
+static bool places_open(places *p, uint32_t count) {
     uint32_t room = 64;
     while (room < 2 * count)
         room *= 2;
-    p->mask = room - 1;
-    p->at = malloc(room * sizeof *p->at);
-    if (p->at == NULL)
+    *p = (places){.id = malloc(((size_t)count + 1) * sizeof *p->id),
+                  .at = malloc(room * sizeof *p->at),
+                  .mask = room - 1};
+    if (p->id == NULL || p->at == NULL)
         return false;
     memset(p->at, 0xff, room * sizeof *p->at);
-    for (uint32_t v = 0; v < count; v++) {
-        uint32_t i = place_hash(vertex[v].at.id);
-        while (p->at[i & p->mask] != MN_NONE)
-            i++;
-        p->at[i & p->mask] = v;
-    }
     return true;
 }
 
-typedef enum kind { TRIANGLE, HINGE, PASSING } kind;
+static void places_put(places *p, uint32_t v, uint32_t id) {
+    uint32_t i = place_hash(id);
+    while (p->at[i & p->mask] != MN_NONE)
+        i++;
+    p->at[i & p->mask] = v;
+    p->id[v] = id;
+}
+
+/* A parcel that is being read. */
+typedef struct opened {
+    mni_parcel head;
+    const unsigned char *ids, *vertices, *simplices, *sights;
+    float step;
+} opened;
+
+static opened open_parcel(const unsigned char *parcel, float step) {
+    opened o = {.step = step};
+    memcpy(&o.head, parcel, sizeof o.head);
+    o.ids = parcel + sizeof o.head;
+    o.vertices = o.ids + o.head.ids_bytes;
+    o.simplices = o.vertices + o.head.vertices_bytes;
+    o.sights = o.simplices + o.head.simplices_bytes;
+    return o;
+}
+
+static mni_wire_pen pen_of(const opened *o) {
+    return mni_wire_pen_open(o->head.tile, o->step);
+}
+
+static void load_ids(places *p, const mni_crate *crate) {
+    uint32_t v = 0;
+    for (uint32_t i = 0; i < crate->parcels; i++) {
+        opened o = open_parcel(crate->parcel[i], 0);
+        mni_wire_pen pen = pen_of(&o);
+        for (uint32_t n = 0; n < o.head.vertices; n++)
+            places_put(p, v++, mni_wire_get_id(&pen, &o.ids));
+    }
+    MN_ASSERT(v == crate->vertices);
+}
+
+typedef enum kind { TRIANGLE, HINGE, PASSING, KINDS } kind;
 
 /* Where its corners stand in the cell. */
-static kind stand(const places *p, const mni_wire_vertex *vertex, const mni_wire_simplex *x,
-                  uint32_t v[3]) {
+static kind stand(const places *p, const mni_wire_simplex *x, uint32_t v[3]) {
     bool inside = true, hinge = x->v[2] == MN_NONE;
     for (int c = 0; c < 3; c++) {
-        v[c] = x->v[c] == MN_NONE ? MN_NONE : place_of(p, vertex, x->v[c]);
+        v[c] = x->v[c] == MN_NONE ? MN_NONE : place_of(p, x->v[c]);
         inside &= v[c] != MN_NONE || (hinge && c == 2);
     }
     return !inside ? PASSING : hinge ? HINGE : TRIANGLE;
 }
 
-/* Puts those that pass to the front; counts the others. */
-static uint32_t sort_out(const places *p, const mni_wire_vertex *vertex, mni_wire_simplex *simplex,
-                         uint32_t simplices, uint32_t count[2]) {
-    uint32_t passing = 0, v[3];
-    for (uint32_t i = 0; i < simplices; i++) {
-        kind k = stand(p, vertex, &simplex[i], v);
-        if (k != PASSING) {
-            count[k]++;
-            continue;
+/* Calls with each simplex, and where it stands. */
+static void each_simplex(mni_cell *cell, const mni_crate *crate, const places *p, float step,
+                         uint32_t at[KINDS],
+                         void (*what)(mni_cell *cell, uint32_t at, const mni_wire_simplex *x,
+                                      const uint32_t v[3], kind k)) {
+    for (uint32_t i = 0; i < crate->parcels; i++) {
+        opened o = open_parcel(crate->parcel[i], step);
+        mni_wire_pen pen = pen_of(&o);
+        for (uint32_t n = 0; n < o.head.simplices; n++) {
+            mni_wire_simplex x;
+            uint32_t v[3];
+            mni_wire_get_simplex(&pen, &o.simplices, &x);
+            kind k = stand(p, &x, v);
+            if (what != NULL)
+                what(cell, at[k], &x, v, k);
+            at[k]++;
         }
-        mni_wire_simplex x = simplex[i];
-        simplex[i] = simplex[passing];
-        simplex[passing++] = x;
-    }
-    return passing;
-}
-
-static void load_simplices(mni_cell *cell, const places *p, const mni_wire_vertex *vertex,
-                           const mni_wire_simplex *simplex, uint32_t count) {
-    uint32_t next[2] = {0, cell->triangles}, v[3];
-    for (uint32_t i = 0; i < count; i++) {
-        kind k = stand(p, vertex, &simplex[i], v);
-        uint32_t x = next[k]++;
-        place_simplex(cell, x, v, simplex[i].origin);
-        cell->number[x] = simplex[i].at.number;
-        if (k == TRIANGLE)
-            mni_wire_get_normal(&simplex[i], &cell->s.judge.normal[3 * (size_t)x]);
     }
 }
 
-static uint32_t witnesses_of(const mni_wire_vertex *v) {
-    uint32_t count = 0;
-    while (count < MNI_WITNESSES && v->slack[count] != MNI_WIRE_NO_WITNESS)
-        count++;
-    return count;
-}
-
-static bool is_leaf(const mni_wire_vertex *v) {
-    return v->at.number < MNI_COLLAPSE;
+static void load_simplex(mni_cell *cell, uint32_t at, const mni_wire_simplex *x,
+                         const uint32_t v[3], kind k) {
+    if (k == PASSING) {
+        cell->passing[at] = (mni_cell_passing){*x, {v[0], v[1], v[2]}};
+        return;
+    }
+    place_simplex(cell, at, v, x->origin);
+    if (k == TRIANGLE)
+        memcpy(&cell->s.judge.normal[3 * (size_t)at], x->normal, sizeof x->normal);
 }
 
 /* Witnesses of a leaf are points of its own, those of a node a set. */
 static void load_witnesses(mni_cell *cell, const mni_wire_vertex *from, uint32_t v) {
     mni_witness_book *book = &cell->s.witness;
-    mni_witnesses all;
-    mni_wire_get_witnesses(from, &all);
     book->own_start[v + 1] = book->own_start[v];
-    if (!is_leaf(from)) {
+    if (from->node >= MNI_COLLAPSE) {
         cell->s.surface.vertex[v].set = book->sets_count;
-        book->sets[book->sets_count++] = all;
+        book->sets[book->sets_count++] = from->points;
         return;
     }
-    for (uint32_t i = 0; i < witnesses_of(from); i++) {
+    for (uint32_t i = 0; i < MNI_WITNESSES && from->points.slack[i] >= 0; i++) {
         float *to = book->own[book->own_start[v + 1]++];
-        to[0] = all.x[i];
-        to[1] = all.y[i];
-        to[2] = all.z[i];
+        to[0] = from->points.x[i];
+        to[1] = from->points.y[i];
+        to[2] = from->points.z[i];
     }
 }
 
-static mn_code load_vertices(mni_cell *cell, const mni_wire_vertex *vertex, mn_status *st) {
-    uint32_t leaves = 0, points = 0, n = cell->vertices;
-    for (uint32_t v = 0; v < n; v++) {
-        leaves += is_leaf(&vertex[v]);
-        points += is_leaf(&vertex[v]) ? witnesses_of(&vertex[v]) : 0;
+static void load_vertex(mni_cell *cell, uint32_t v, const mni_wire_vertex *from) {
+    mni_vertex *to = &cell->s.surface.vertex[v];
+    const double *q = from->quadric;
+    place_vertex(cell, v, from->id, from->p);
+    cell->node[v] = (mni_cell_node){.id = from->id,
+                                    .node = from->node,
+                                    .leaves = from->leaves,
+                                    .split = from->split,
+                                    .levels = from->levels,
+                                    .bounds = from->bounds};
+    to->value = from->value;
+    to->c = q[0], to->xx = q[1], to->yy = q[2], to->zz = q[3];
+    to->xy = q[4], to->xz = q[5], to->yz = q[6];
+    to->x = q[7], to->y = q[8], to->z = q[9];
+    cell->s.part.key[v] = from->key;
+    load_witnesses(cell, from, v);
+}
+
+static void see(mni_cell *cell, const mni_crate *crate, uint32_t v, mni_wire_reach reach) {
+    if (reach.low < crate->first_tile || reach.high >= crate->end_tile)
+        cell->s.part.closed[v] = 0;
+}
+
+/* Those that see another cell are closed. */
+static void load_vertices(mni_cell *cell, const mni_crate *crate, const places *p, float step) {
+    uint32_t v = 0;
+    for (uint32_t i = 0; i < crate->parcels; i++) {
+        opened o = open_parcel(crate->parcel[i], step);
+        mni_wire_pen pen = pen_of(&o);
+        for (uint32_t n = 0; n < o.head.vertices; n++, v++) {
+            mni_wire_vertex from;
+            mni_wire_get_vertex(&pen, &o.vertices, p->id[v], &from);
+            load_vertex(cell, v, &from);
+            see(cell, crate, v, from.reach);
+        }
     }
-    mn_code code = mni_witness_room(&cell->s.witness, n, n - leaves + leaves / 2, points, st);
+    for (uint32_t i = 0; i < crate->parcels; i++) {
+        opened o = open_parcel(crate->parcel[i], step);
+        mni_wire_pen pen = pen_of(&o);
+        for (uint32_t n = 0; n < o.head.sights; n++) {
+            mni_wire_sight s;
+            mni_wire_get_sight(&pen, &o.sights, &s);
+            see(cell, crate, place_of(p, s.id), s.reach);
+        }
+    }
+}
+
+static mn_code load_crate(mni_cell *cell, const mni_crate *crate, places *p, float step,
+                          mn_status *st) {
+    uint32_t count[KINDS] = {0, 0, 0}, n = crate->vertices, leaves = n - crate->nodes;
+    load_ids(p, crate);
+    each_simplex(cell, crate, p, step, count, NULL);
+    cell->passing_count = count[PASSING];
+    cell->passing = malloc(((size_t)count[PASSING] + 1) * sizeof *cell->passing);
+    mn_code code = cell->passing != NULL ? take_room(cell, n, count[TRIANGLE], count[HINGE], st)
+                                         : no_memory(n, st);
+    if (code == MN_OK)
+        code = mni_witness_room(&cell->s.witness, n, n - leaves + leaves / 2, crate->points, st);
     if (code != MN_OK)
         return code;
-    uint64_t first = vertex[0].at.key, last = vertex[n - 1].at.key;
-    for (uint32_t v = 0; v < n; v++) {
-        const mni_wire_vertex *from = &vertex[v];
-        place_vertex(cell, v, from->at.id, from->p);
-        cell->node[v] = (mni_cell_node){.id = from->at.id,
-                                        .node = from->at.number,
-                                        .leaves = from->leaves,
-                                        .split = from->split,
-                                        .levels = from->levels,
-                                        .bounds = from->bounds};
-        cell->s.surface.vertex[v].value = from->value;
-        cell->s.part.key[v] = from->key;
-        mni_wire_get_quadric(from, &cell->s.surface.vertex[v]);
-        load_witnesses(cell, from, v);
-        if (!cell->desc.whole && !mni_wire_inside(from->at.key, from->reach, first, last))
-            cell->s.part.closed[v] = 0;
-    }
+    uint32_t at[KINDS] = {0, cell->triangles, 0};
+    load_vertices(cell, crate, p, step);
+    each_simplex(cell, crate, p, step, at, load_simplex);
+    mni_surface_index(&cell->s.surface);
     return MN_OK;
 }
 
-/* Gives the memory of those that have been loaded back. */
-static void keep_passing(mni_wire_simplex **simplex, uint32_t passing) {
-    mni_wire_simplex *kept = realloc(*simplex, ((size_t)passing + 1) * sizeof *kept);
-    *simplex = kept != NULL ? kept : *simplex;
-}
-
-mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, mni_wire_vertex **vertex,
-                            uint32_t vertices, mni_wire_simplex **simplex, uint32_t simplices,
-                            uint32_t *passing, mn_status *st) {
+mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, const mni_crate *crate,
+                            float step, mn_status *st) {
     places p;
-    uint32_t count[2] = {0, 0};
-    *cell = (mni_cell){.desc = *desc, .own = vertices};
-    *passing = 0;
-    if (!places_open(&p, *vertex, vertices))
-        return no_memory(vertices, st);
-    *passing = sort_out(&p, *vertex, *simplex, simplices, count);
-    mn_code code = take_room(cell, vertices, count[TRIANGLE], count[HINGE], st);
-    if (code == MN_OK)
-        load_simplices(cell, &p, *vertex, *simplex + *passing, simplices - *passing);
-    free(p.at);
-    keep_passing(simplex, *passing);
-    if (code == MN_OK)
-        code = load_vertices(cell, *vertex, st);
-    free(*vertex);
-    *vertex = NULL;
-    if (code == MN_OK)
-        mni_surface_index(&cell->s.surface);
+    *cell = (mni_cell){.desc = *desc, .own = crate->vertices};
+    mn_code code = places_open(&p, crate->vertices) ? load_crate(cell, crate, &p, step, st)
+                                                    : no_memory(crate->vertices, st);
+    places_close(&p);
     return code;
 }
 
@@ -410,9 +453,8 @@ mn_code mni_cell_run(mni_cell *cell, mn_status *st) {
     return code == MN_OK ? keep_killed(cell, st) : code;
 }
 
-void mni_cell_number(mni_cell *cell, uint32_t collapses, uint32_t hinges) {
+void mni_cell_number(mni_cell *cell, uint32_t collapses) {
     cell->collapses_before = collapses;
-    cell->hinges_before = hinges;
     for (uint32_t i = 0; i < cell->collapses; i++) {
         uint32_t *of[2] = {&cell->collapse[i].left, &cell->collapse[i].right};
         for (int side = 0; side < 2; side++)
@@ -420,6 +462,13 @@ void mni_cell_number(mni_cell *cell, uint32_t collapses, uint32_t hinges) {
                             ? cell->node[*of[side]].node
                             : MNI_COLLAPSE + collapses + *of[side] - cell->vertices;
     }
+}
+
+void mni_cell_forget(mni_cell *cell) {
+    free(cell->collapse);
+    free(cell->killed);
+    cell->collapse = NULL;
+    cell->killed = NULL;
 }
 
 /* ---- what is left --------------------------------------------------------------------------- */
@@ -439,65 +488,62 @@ static void leaf_points(const mni_witness_book *book, uint32_t v, mni_witnesses 
 bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out) {
     const mni_vertex *from = &cell->s.surface.vertex[v];
     const mni_cell_node *n = &cell->node[v];
-    mni_witnesses points;
     if (v >= cell->own || from->node == MN_NONE)
         return false;
-    *out = (mni_wire_vertex){.at.id = n->id,
-                             .at.number = from->node < cell->vertices
-                                              ? n->node
-                                              : MNI_COLLAPSE + cell->collapses_before + from->node -
-                                                    cell->vertices,
+    *out = (mni_wire_vertex){.id = n->id,
+                             .node = from->node < cell->vertices
+                                         ? n->node
+                                         : MNI_COLLAPSE + cell->collapses_before + from->node -
+                                               cell->vertices,
                              .p = {from->p[0], from->p[1], from->p[2]},
                              .value = from->value,
                              .key = cell->s.part.key[v],
                              .bounds = n->bounds,
                              .leaves = n->leaves,
                              .split = n->split,
-                             .levels = n->levels};
-    mni_wire_put_quadric(out, from);
+                             .levels = n->levels,
+                             .quadric = {from->c, from->xx, from->yy, from->zz, from->xy, from->xz,
+                                         from->yz, from->x, from->y, from->z}};
     if (from->set == MN_NONE)
-        leaf_points(&cell->s.witness, v, &points);
-    mni_wire_put_witnesses(out, from->set == MN_NONE ? &points : &cell->s.witness.sets[from->set]);
+        leaf_points(&cell->s.witness, v, &out->points);
+    else
+        out->points = cell->s.witness.sets[from->set];
     return true;
 }
 
 bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out) {
     const mni_surface *s = &cell->s.surface;
     const uint32_t *v = s->simplex[x].v;
-    static const float none[3] = {0, 0, 0};
-    if (s->simplex[x].killed != MN_NONE)
-        return false;
-    *out = (mni_wire_simplex){.at.number =
-                                  x < cell->simplices
-                                      ? cell->number[x]
-                                      : MNI_COLLAPSE + cell->hinges_before + x - cell->simplices};
     uint32_t least = 0;
-    for (uint32_t c = 0; c < 3; c++) {
-        out->v[c] = v[c] == MN_NONE ? MN_NONE : cell->node[v[c]].id;
+    *out = (mni_wire_simplex){.v[2] = MN_NONE};
+    for (uint32_t c = 0; c < 3 && v[c] != MN_NONE; c++) {
+        out->v[c] = cell->node[v[c]].id;
+        memcpy(out->p[c], s->vertex[v[c]].p, sizeof out->p[c]);
         if (out->v[c] < out->v[least])
             least = c;
     }
     memcpy(out->origin, &s->origin[3 * (size_t)x], sizeof out->origin);
-    mni_wire_put_normal(out, x < cell->triangles ? &cell->s.judge.normal[3 * (size_t)x] : none);
+    if (x < cell->triangles)
+        memcpy(out->normal, &cell->s.judge.normal[3 * (size_t)x], sizeof out->normal);
     return v[least] < cell->own;
 }
 
-/* The most is held while simplices are loaded: records, and what the surface has without
- * witnesses' sets; or, as much, vertices without simplices, and the sets. Of the first round's
- * cells, less. */
-uint64_t mni_cell_bytes(uint64_t vertices, uint64_t simplices) {
-    uint64_t a_vertex = sizeof(mni_wire_vertex) + sizeof(mni_vertex) + sizeof(mni_cell_node) +
-                        16 /* pool */ + 16 /* part */ + 8 /* seen */ + 16 /* places */;
-    uint64_t a_simplex = sizeof(mni_wire_simplex) + sizeof(mni_simplex) + 12 /* origin */ +
-                         16 /* pool */ + 12 /* normal */ + 4 /* number */;
-    return vertices * a_vertex + simplices * a_simplex;
+/* While it is opened: parcels, ids, and the surface. While it runs: the surface, its heap and what
+ * is made, and at last collapses and killed simplices. */
+uint64_t mni_cell_bytes(uint64_t vertices, uint64_t simplices, uint64_t parcels) {
+    uint64_t a_vertex = sizeof(mni_vertex) + sizeof(mni_cell_node) + 16 /* part */ + 8 /* seen */ +
+                        sizeof(mni_witnesses);
+    uint64_t a_simplex = sizeof(mni_simplex) + 12 /* origin */ + 16 /* pool */ + 12 /* normal */;
+    uint64_t opening = parcels + vertices * (4 /* id */ + 16 /* places */);
+    uint64_t running = vertices * (20 /* heap */ + 28 /* made */ + sizeof(mni_cell_collapse)) +
+                       simplices * 12 /* killed */;
+    return vertices * a_vertex + simplices * a_simplex + (opening > running ? opening : running);
 }
 
 void mni_cell_close(mni_cell *cell) {
     mni_simplify_close(&cell->s);
     free(cell->node);
-    free(cell->number);
-    free(cell->collapse);
-    free(cell->killed);
+    free(cell->passing);
+    mni_cell_forget(cell);
     *cell = (mni_cell){0};
 }

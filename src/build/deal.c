@@ -9,8 +9,9 @@
 
 #include "assert.h"
 #include "exttriangles.h"
+#include "wire.h"
 
-enum { BUFFERS = 2 };
+enum { BUFFERS = 2, SORTS = 4 };
 
 /* What a cell will be dealt, its own vertices apart. */
 typedef struct tally {
@@ -37,17 +38,16 @@ struct mni_deal {
     mni_extmesh *mesh;
     mni_deal_desc desc;
     uint32_t next; /* cell */
-    float low[3], high[3];
-    mni_sort *copies, *lacks, *ghosts;
+    float low[3], high[3], step;
+    mni_sort *copies, *lacks, *ghosts, *samples;
     const copy *next_copy;
     const found *next_ghost;
     mni_spill_reader vertices;
     mni_exttriangles triangles;
     const mni_exttriangle *next_triangle;
-    uint64_t triangles_taken;
     unsigned char *buffer[BUFFERS];
     size_t buffer_bytes;
-    uint64_t lacks_read, lacks_written;
+    uint64_t bytes_read, bytes_written; /* by sorts that are closed */
     tally *of_cell;
 };
 
@@ -68,9 +68,19 @@ static mn_code open_sort(const mni_deal *d, mni_sort **sort, size_t record, mni_
                          mn_status *st) {
     mni_sort_desc desc = {.record_bytes = (uint32_t)record,
                           .key = key,
-                          .budget_bytes = d->desc.work_bytes / 4,
+                          .budget_bytes = d->desc.work_bytes / (SORTS + 1),
                           .temp_dir = d->desc.temp_dir};
     return mni_sort_open(sort, &desc, st);
+}
+
+static void close_sort(mni_deal *d, mni_sort **sort) {
+    if (*sort != NULL) { /* or opening failed before */
+        mni_sort_figures f = mni_sort_figures_get(*sort);
+        d->bytes_read += f.bytes_read;
+        d->bytes_written += f.bytes_written;
+    }
+    mni_sort_close(*sort);
+    *sort = NULL;
 }
 
 static void read_triangles(mni_deal *d) {
@@ -129,6 +139,19 @@ static mn_code look_at_triangles(mni_deal *d, mn_status *st) {
     return spill_state(&d->mesh->triangle, st);
 }
 
+static void look_at_vertex(mni_deal *d, uint32_t id, const float p[3]) {
+    for (int i = 0; i < 3; i++) {
+        d->low[i] = fminf(d->low[i], p[i]);
+        d->high[i] = fmaxf(d->high[i], p[i]);
+    }
+    if (d->step > 0 && !mni_wire_on_grid(p, d->step))
+        d->step = 0;
+    if (id % d->desc.sample_every == 0) {
+        mni_ghost sample = {id, {p[0], p[1], p[2]}};
+        mni_sort_put(d->samples, &sample);
+    }
+}
+
 /* Each lack once becomes a ghost. */
 static mn_code look_at_vertices(mni_deal *d, mn_status *st) {
     const mni_extvertex *v;
@@ -136,10 +159,7 @@ static mn_code look_at_vertices(mni_deal *d, mn_status *st) {
     uint32_t last_cell = 0;
     read_vertices(d);
     for (uint32_t id = 0; (v = mni_spill_take(&d->vertices, sizeof *v)) != NULL; id++) {
-        for (int i = 0; i < 3; i++) {
-            d->low[i] = fminf(d->low[i], v->position[i]);
-            d->high[i] = fmaxf(d->high[i], v->position[i]);
-        }
+        look_at_vertex(d, id, v->position);
         for (bool again = false; next != NULL && next->vertex == id; again = true) {
             if (!again || next->cell != last_cell) {
                 found f = {id, next->cell, {v->position[0], v->position[1], v->position[2]}};
@@ -159,6 +179,8 @@ static mn_code find_crossing(mni_deal *d, mn_status *st) {
         code = open_sort(d, &d->lacks, sizeof(lack), MNI_SORT_U64, st);
     if (code == MN_OK)
         code = open_sort(d, &d->ghosts, sizeof(found), MNI_SORT_U64, st);
+    if (code == MN_OK) /* they come in order */
+        code = open_sort(d, &d->samples, sizeof(mni_ghost), MNI_SORT_U32, st);
     if (code == MN_OK)
         code = look_at_triangles(d, st);
     if (code == MN_OK)
@@ -169,25 +191,23 @@ static mn_code find_crossing(mni_deal *d, mn_status *st) {
         code = look_at_vertices(d, st);
     if (code != MN_OK)
         return code;
-    mni_sort_figures f = mni_sort_figures_get(d->lacks);
-    d->lacks_read = f.bytes_read;
-    d->lacks_written = f.bytes_written;
-    mni_sort_close(d->lacks);
-    d->lacks = NULL;
-    return mni_sort_finish(d->ghosts, st);
+    close_sort(d, &d->lacks);
+    code = mni_sort_finish(d->samples, st);
+    return code == MN_OK ? mni_sort_finish(d->ghosts, st) : code;
 }
 
 /* ---- from the outside ----------------------------------------------------------------------- */
 
 mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *desc,
                       mn_status *st) {
-    MN_ASSERT(desc->cells > 0 && desc->work_bytes >= MNI_DEAL_WORK_MIN);
+    MN_ASSERT(desc->cells > 0 && desc->sample_every > 0 && desc->work_bytes >= MNI_DEAL_WORK_MIN);
     mni_deal *d = malloc(sizeof *d);
     *deal = d;
     if (d == NULL)
         return mn_fail(st, MN_FAILED, "out of memory");
     *d = (mni_deal){.mesh = mesh,
                     .desc = *desc,
+                    .step = ldexpf(mesh->grid_step, -mesh->unit),
                     .low = {INFINITY, INFINITY, INFINITY},
                     .high = {-INFINITY, -INFINITY, -INFINITY}};
     d->buffer_bytes = desc->work_bytes / 16 < 1 << 20 ? (size_t)(desc->work_bytes / 16) : 1 << 20;
@@ -217,12 +237,23 @@ void mni_deal_counts(const mni_deal *d, uint32_t c, uint32_t *vertices, uint32_t
     *triangles = d->of_cell[c].triangles;
 }
 
+float mni_deal_step(const mni_deal *d) {
+    return d->step;
+}
+
+const mni_ghost *mni_deal_sample(mni_deal *d, mn_status *st) {
+    const mni_ghost *sample = mni_sort_next(d->samples, st);
+    if (sample == NULL)
+        close_sort(d, &d->samples);
+    return sample;
+}
+
 void mni_deal_bytes(const mni_deal *d, uint64_t *read, uint64_t *written) {
-    const mni_sort *const sorts[] = {d->copies, d->ghosts};
-    *read = d->lacks_read;
-    *written = d->lacks_written;
-    for (int i = 0; i < 2; i++)
-        if (sorts[i] != NULL) { /* or opening failed before */
+    const mni_sort *const sorts[] = {d->copies, d->lacks, d->ghosts, d->samples};
+    *read = d->bytes_read;
+    *written = d->bytes_written;
+    for (int i = 0; i < SORTS; i++)
+        if (sorts[i] != NULL) {
             mni_sort_figures f = mni_sort_figures_get(sorts[i]);
             *read += f.bytes_read;
             *written += f.bytes_written;
@@ -235,6 +266,7 @@ void mni_deal_close(mni_deal *d) {
     mni_sort_close(d->copies);
     mni_sort_close(d->lacks);
     mni_sort_close(d->ghosts);
+    mni_sort_close(d->samples);
     for (int i = 0; i < BUFFERS; i++)
         free(d->buffer[i]);
     free(d->of_cell);
@@ -301,12 +333,10 @@ static mn_code deal_triangles(mni_deal *d, mni_hand *h, mn_status *st) {
         if (!add_triangle(h, d->next_copy->corner))
             return no_memory(h, st);
     h->copies = h->triangles;
-    h->number = (uint32_t)d->triangles_taken;
     for (; d->next_triangle != NULL && d->next_triangle->corner[0] < h->first + h->vertices;
          d->next_triangle = mni_exttriangles_next(&d->triangles)) {
         if (!add_triangle(h, d->next_triangle->corner))
             return no_memory(h, st);
-        d->triangles_taken++;
     }
     return spill_state(&d->mesh->triangle, st);
 }

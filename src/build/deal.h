@@ -6,7 +6,7 @@
  *
  *     triangles ──► those that cross ──► copies, sorted by cell
  *                        └─► (vertex, cell that lacks it), sorted by vertex
- *     vertices  ──────────────┴─► ghosts, sorted by cell
+ *     vertices  ──────────────┴─► ghosts, sorted by cell; samples
  *
  * That is one pass over both files before the first cell, and one with the cells; what is sorted is
  * what crosses, a few in a hundred. One thread at a time; calls may block on the disk. Memory:
@@ -21,7 +21,8 @@
 
 typedef struct mni_deal_desc {
     uint32_t cells;
-    uint64_t work_bytes; /* at least MNI_DEAL_WORK_MIN */
+    uint32_t sample_every; /* vertices, at least 1 */
+    uint64_t work_bytes;   /* at least MNI_DEAL_WORK_MIN */
     const char *temp_dir;
 } mni_deal_desc;
 
@@ -43,15 +44,18 @@ typedef struct mni_hand {
     uint32_t ghosts, ghosts_room;
     mni_dealt_triangle *triangle; /* in the order of the file; copies first */
     uint32_t copies, triangles, triangles_room;
-    uint32_t number; /* of the first that is no copy, in the file; the others follow it */
 } mni_hand;
 
 typedef struct mni_deal mni_deal;
 
-/* Finds what crosses, and the box of all vertices. mesh outlives it, and is read alone. On failure
- * bytes may be asked for all the same, and it is to be closed. */
+/* Finds what crosses, the box of all vertices, and samples of them. mesh outlives it, and is read
+ * alone. On failure bytes may be asked for all the same, and it is to be closed. */
 mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *desc, mn_status *st);
 void mni_deal_box(const mni_deal *deal, float low[3], float high[3]);
+/* Of which all coordinates are multiples: the mesh's grid; 0: they are not. */
+float mni_deal_step(const mni_deal *deal);
+/* The next sample, NULL: that was all. Before the first hand, or never. */
+const mni_ghost *mni_deal_sample(mni_deal *deal, mn_status *st);
 /* What cell c will have, ghosts among the vertices. */
 void mni_deal_counts(const mni_deal *deal, uint32_t c, uint32_t *vertices, uint32_t *triangles);
 /* The next cell's; arrays of *hand are used again. */

@@ -1,5 +1,5 @@
 /* Goal: records between rounds lose no more than their header says, and no more the next time.
- * Method: seeded random quadrics, witnesses and normals, there and back, twice. */
+ * Method: seeded random vertices, simplices and sights, there and back; vertices twice. */
 #include <check.h>
 #include <math.h>
 #include <string.h>
@@ -14,129 +14,237 @@ static double unit(uint64_t *state) {
     return fixture_random(state) * 0x1p-31 - 1;
 }
 
-START_TEST(quadrics) {
+static float random_step(uint64_t *state) {
+    return fixture_random(state) % 4 == 0 ? 0 : ldexpf(1, (int)(fixture_random(state) % 30) - 20);
+}
+
+/* On the grid, if there is one. */
+static void random_place(uint64_t *state, float step, float p[3]) {
+    for (int c = 0; c < 3; c++)
+        p[c] = step == 0 ? (float)unit(state) : rintf(65536 * (float)unit(state)) * step;
+}
+
+static void random_quadric(uint64_t *state, bool is_node, double quadric[10]) {
+    double scale = ldexp(1, (int)(fixture_random(state) % 200) - 100);
+    for (int f = 0; f < 10; f++)
+        if (is_node || (f >= 1 && f <= 6))
+            quadric[f] = fixture_random(state) % 8 == 0 ? 0 : scale * unit(state);
+}
+
+static void random_witnesses(uint64_t *state, mni_wire_vertex *v) {
+    int count = (int)(fixture_random(state) % (MNI_WITNESSES + 1));
+    float reach = ldexpf(1, (int)(fixture_random(state) % 60) - 30);
+    for (int w = 0; w < MNI_WITNESSES; w++) {
+        bool flat = fixture_random(state) % 4 == 0;
+        v->points.x[w] = v->p[0] + reach * (float)unit(state);
+        v->points.y[w] = v->p[1] + reach * (float)unit(state);
+        v->points.z[w] = flat ? v->p[2] : v->p[2] + reach * (float)unit(state);
+        v->points.slack[w] = w >= count ? -1 : reach * (float)fabs(unit(state));
+        if (w < count && v->node < MNI_COLLAPSE)
+            v->points.slack[w] = 0;
+    }
+}
+
+static mni_wire_vertex random_vertex(uint64_t *state, uint32_t tile, float step) {
+    bool is_node = fixture_random(state) % 2, moved = fixture_random(state) % 4 == 0;
+    uint32_t id = fixture_random(state) % MNI_COLLAPSE;
+    mni_wire_vertex v = {.id = id, .node = id, .leaves = 1, .levels = 1, .reach = {tile, tile}};
+    if (is_node) {
+        v.node = MNI_COLLAPSE | fixture_random(state);
+        v.leaves = 2 + fixture_random(state) % 100000;
+        v.split = 1 + fixture_random(state) % (v.leaves - 1);
+        v.levels = 1 + fixture_random(state) % v.leaves;
+    }
+    if (fixture_random(state) % 3 == 0)
+        v.reach = (mni_wire_reach){tile - fixture_random(state) % 300,
+                                   tile + fixture_random(state) % 300};
+    random_place(state, step, v.p);
+    if (is_node || moved) {
+        v.value = (float)fabs(unit(state));
+        v.key = (float)fabs(unit(state));
+    }
+    v.bounds.radius = (float)fabs(unit(state));
+    v.bounds.cone = (mn_cone){{(int8_t)fixture_random(state), (int8_t)fixture_random(state)},
+                              (uint8_t)fixture_random(state)};
+    random_quadric(state, is_node, v.quadric);
+    random_witnesses(state, &v);
+    return v;
+}
+
+static void check_witnesses(const mni_wire_vertex *was, const mni_wire_vertex *is) {
+    const float *const of_was[] = {was->points.x, was->points.y, was->points.z};
+    const float *const of_is[] = {is->points.x, is->points.y, is->points.z};
+    float farthest = 0;
+    for (int w = 0; w < MNI_WITNESSES && was->points.slack[w] >= 0; w++)
+        for (int c = 0; c < 3; c++)
+            farthest = fmaxf(farthest, fabsf(of_was[c][w] - was->p[c]));
+    for (int w = 0; w < MNI_WITNESSES; w++) {
+        float slack = was->points.slack[w];
+        if (slack < 0) {
+            ck_assert(is->points.slack[w] < 0);
+            continue;
+        }
+        ck_assert(is->points.slack[w] >= slack && is->points.slack[w] <= slack * 1.008f);
+        for (int c = 0; c < 3; c++) {
+            float rounding = 1e-7f * (fabsf(was->p[c]) + farthest);
+            ck_assert_float_le(fabsf(of_is[c][w] - of_was[c][w]), farthest / 32767 + rounding);
+            if (of_was[c][w] == was->p[c]) /* what is flat stays flat */
+                ck_assert(of_is[c][w] == was->p[c]);
+        }
+    }
+}
+
+static void check_vertex(const mni_wire_vertex *was, const mni_wire_vertex *is) {
+    ck_assert_uint_eq(is->id, was->id);
+    ck_assert_uint_eq(is->node, was->node);
+    ck_assert(is->leaves == was->leaves && is->split == was->split && is->levels == was->levels);
+    ck_assert(is->reach.low == was->reach.low && is->reach.high == was->reach.high);
+    ck_assert_mem_eq(is->p, was->p, sizeof is->p);
+    ck_assert(is->value == was->value && is->key == was->key);
+    ck_assert_mem_eq(&is->bounds, &was->bounds, sizeof is->bounds);
+    for (int f = 0; f < 10; f++)
+        ck_assert_double_le(fabs(is->quadric[f] - was->quadric[f]),
+                            ldexp(fabs(was->quadric[f]), -37));
+    check_witnesses(was, is);
+}
+
+/* Of which some are leaves, some nodes; with a grid and without. */
+START_TEST(vertices) {
+    enum { COUNT = 50 };
     uint64_t state = fixture_seed(61);
-    for (int i = 0; i < TIMES; i++) {
-        mni_vertex was = {0}, is = {0}, again = {0};
-        mni_wire_vertex wire = {0};
-        double scale = ldexp(1, (int)(fixture_random(&state) % 200) - 100);
-        double *field[] = {&was.c,  &was.xx, &was.yy, &was.zz, &was.xy,
-                           &was.xz, &was.yz, &was.x,  &was.y,  &was.z};
-        for (int f = 0; f < 10; f++)
-            *field[f] = fixture_random(&state) % 8 == 0 ? 0 : scale * unit(&state);
-        mni_wire_put_quadric(&wire, &was);
-        mni_wire_get_quadric(&wire, &is);
-        const double of_was[] = {was.c,  was.xx, was.yy, was.zz, was.xy,
-                                 was.xz, was.yz, was.x,  was.y,  was.z};
-        const double of_is[] = {is.c, is.xx, is.yy, is.zz, is.xy, is.xz, is.yz, is.x, is.y, is.z};
-        for (int f = 0; f < 10; f++)
-            ck_assert_double_le(fabs(of_is[f] - of_was[f]), ldexp(fabs(of_was[f]), -37));
-        mni_wire_put_quadric(&wire, &is);
-        mni_wire_get_quadric(&wire, &again);
-        ck_assert_mem_eq(&is, &again, sizeof is);
-    }
-}
-END_TEST
-
-START_TEST(witnesses) {
-    uint64_t state = fixture_seed(62);
-    for (int i = 0; i < TIMES; i++) {
-        mni_wire_vertex wire = {0};
-        mni_witnesses was, is;
-        int count = (int)(fixture_random(&state) % (MNI_WITNESSES + 1));
-        float reach = ldexpf(1, (int)(fixture_random(&state) % 60) - 30), farthest = 0;
-        for (int c = 0; c < 3; c++)
-            wire.p[c] = reach * (float)unit(&state);
-        for (int w = 0; w < MNI_WITNESSES; w++) {
-            bool flat = fixture_random(&state) % 4 == 0;
-            was.x[w] = wire.p[0] + reach * (float)unit(&state);
-            was.y[w] = wire.p[1] + reach * (float)unit(&state);
-            was.z[w] = flat ? wire.p[2] : wire.p[2] + reach * (float)unit(&state);
-            was.slack[w] = w >= count ? -1 : flat ? 0 : reach * (float)fabs(unit(&state));
-            if (w < count)
-                farthest =
-                    fmaxf(farthest,
-                          fmaxf(fabsf(was.x[w] - wire.p[0]),
-                                fmaxf(fabsf(was.y[w] - wire.p[1]), fabsf(was.z[w] - wire.p[2]))));
+    static unsigned char bytes[COUNT * (MNI_WIRE_ID_MAX + MNI_WIRE_VERTEX_MAX)];
+    for (int i = 0; i < TIMES / COUNT; i++) {
+        uint32_t tile = 300 + fixture_random(&state) % 100000;
+        float step = random_step(&state);
+        mni_wire_vertex was[COUNT], is[COUNT];
+        unsigned char *end = bytes;
+        const unsigned char *at = bytes;
+        mni_wire_pen pen = mni_wire_pen_open(tile, step);
+        for (int k = 0; k < COUNT; k++) {
+            was[k] = random_vertex(&state, tile, step);
+            unsigned char *id_end = mni_wire_put_id(&pen, end, was[k].id);
+            ck_assert_int_le(id_end - end, MNI_WIRE_ID_MAX);
+            end = mni_wire_put_vertex(&pen, id_end, &was[k]);
+            ck_assert_int_le(end - id_end, MNI_WIRE_VERTEX_MAX);
         }
-        mni_wire_put_witnesses(&wire, &was);
-        mni_wire_get_witnesses(&wire, &is);
-        float most = farthest / 32767 + 4e-7f * reach;
-        for (int w = 0; w < MNI_WITNESSES; w++) {
-            if (w >= count) {
-                ck_assert(is.slack[w] < 0);
-                continue;
+        for (int again = 0; again < 2; again++) { /* what came once comes again as it is */
+            pen = mni_wire_pen_open(tile, step);
+            for (int k = 0; k < COUNT; k++) {
+                uint32_t id = mni_wire_get_id(&pen, &at);
+                mni_wire_get_vertex(&pen, &at, id, &is[k]);
+                check_vertex(&was[k], &is[k]);
+                if (again == 1)
+                    ck_assert_mem_eq(is[k].quadric, was[k].quadric, sizeof is[k].quadric);
             }
-            ck_assert_float_le(fabsf(is.x[w] - was.x[w]), most);
-            ck_assert_float_le(fabsf(is.y[w] - was.y[w]), most);
-            ck_assert_float_le(fabsf(is.z[w] - was.z[w]), most);
-            ck_assert(is.slack[w] >= was.slack[w] && is.slack[w] <= was.slack[w] * 1.008f);
-            if (was.z[w] == wire.p[2]) /* what is flat stays flat */
-                ck_assert(is.z[w] == was.z[w]);
+            ck_assert_ptr_eq(at, end);
+            memcpy(was, is, sizeof was);
+            at = end = bytes;
+            pen = mni_wire_pen_open(tile, step);
+            for (int k = 0; k < COUNT; k++)
+                end = mni_wire_put_vertex(&pen, mni_wire_put_id(&pen, end, was[k].id), &was[k]);
         }
     }
 }
 END_TEST
 
-START_TEST(normals) {
+static mni_wire_simplex random_simplex(uint64_t *state, uint32_t tile, float step) {
+    mni_wire_simplex x = {.reach = {tile, tile}, .v[2] = MN_NONE, .origin[2] = MN_NONE};
+    bool is_hinge = fixture_random(state) % 4 == 0;
+    double n[3] = {unit(state), unit(state), unit(state)};
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (int c = 0; c < (is_hinge ? 2 : 3); c++) {
+        x.v[c] = fixture_random(state) % MNI_COLLAPSE;
+        x.origin[c] = fixture_random(state) % 2 ? x.v[c] : fixture_random(state) % MNI_COLLAPSE;
+        random_place(state, step, x.p[c]);
+    }
+    if (fixture_random(state) % 2)
+        x.reach.high += 1 + fixture_random(state) % 300;
+    for (int c = 0; c < 3 && !is_hinge && fixture_random(state) % 8 > 0; c++)
+        x.normal[c] = (float)(n[c] / length);
+    return x;
+}
+
+START_TEST(simplices) {
+    enum { COUNT = 50 };
     uint64_t state = fixture_seed(63);
-    for (int i = 0; i < TIMES; i++) {
-        mni_wire_simplex wire;
-        double n[3] = {unit(&state), unit(&state), unit(&state)};
-        double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-        float was[3], is[3];
-        for (int c = 0; c < 3; c++)
-            was[c] = i == 0 ? 0 : (float)(n[c] / length);
-        mni_wire_put_normal(&wire, was);
-        mni_wire_get_normal(&wire, is);
-        for (int c = 0; c < 3; c++)
-            ck_assert_float_le(fabsf(is[c] - was[c]), 1.0f / 32767);
-        if (i == 0)
-            ck_assert(is[0] == 0 && is[1] == 0 && is[2] == 0);
+    static unsigned char bytes[COUNT * MNI_WIRE_SIMPLEX_MAX];
+    for (int i = 0; i < TIMES / COUNT; i++) {
+        uint32_t tile = fixture_random(&state) % 100000;
+        float step = random_step(&state);
+        mni_wire_simplex was[COUNT], is;
+        unsigned char *end = bytes;
+        const unsigned char *at = bytes;
+        mni_wire_pen pen = mni_wire_pen_open(tile, step);
+        for (int k = 0; k < COUNT; k++) {
+            unsigned char *before = end;
+            was[k] = random_simplex(&state, tile, step);
+            end = mni_wire_put_simplex(&pen, end, &was[k]);
+            ck_assert_int_le(end - before, MNI_WIRE_SIMPLEX_MAX);
+        }
+        pen = mni_wire_pen_open(tile, step);
+        for (int k = 0; k < COUNT; k++) {
+            mni_wire_get_simplex(&pen, &at, &is);
+            ck_assert_mem_eq(is.v, was[k].v, sizeof is.v);
+            ck_assert_mem_eq(is.origin, was[k].origin, sizeof is.origin);
+            ck_assert_mem_eq(&is.reach, &was[k].reach, sizeof is.reach);
+            if (is.reach.low < is.reach.high)
+                ck_assert_mem_eq(is.p, was[k].p, (is.v[2] == MN_NONE ? 2 : 3) * sizeof is.p[0]);
+            for (int c = 0; c < 3; c++)
+                ck_assert_float_le(fabsf(is.normal[c] - was[k].normal[c]), 1.0f / 32767);
+        }
+        ck_assert_ptr_eq(at, end);
     }
 }
 END_TEST
 
-static uint64_t random_key(uint64_t *state) {
-    uint64_t key = (uint64_t)fixture_random(state) << 31 ^ fixture_random(state);
-    return key >> fixture_random(state) % 63;
-}
-
-/* What is inside is inside; of what is near the cell's ends nothing is forgotten. */
-START_TEST(reaches) {
+START_TEST(sights) {
+    enum { COUNT = 50 };
     uint64_t state = fixture_seed(64);
-    for (int i = 0; i < TIMES; i++) {
-        uint64_t key = random_key(&state), apart[2] = {random_key(&state), random_key(&state)};
-        mni_wire_range range = {key, key};
-        mni_wire_widen(&range, (mni_wire_range){key - (apart[0] < key ? apart[0] : key), key});
-        mni_wire_widen(&range, (mni_wire_range){key, key + apart[1] / 2});
-        mni_wire_reach reach = mni_wire_reach_of(key, range);
-        for (int at = 0; at < 2; at++) {
-            uint64_t far = UINT64_MAX >> 1, edge = at == 0 ? range.low : range.high;
-            uint64_t more = edge / 1000 + 1;
-            if (at == 0) {
-                ck_assert(!mni_wire_inside(key, reach, range.low, far + 1));
-                if (range.low > 0 && range.high < far && (key - range.low) < 1 << 24)
-                    ck_assert(mni_wire_inside(key, reach, range.low - 1, far + 1));
-            } else {
-                ck_assert(!mni_wire_inside(key, reach, 0, range.high));
-                if (range.low > 0)
-                    ck_assert(mni_wire_inside(key, reach, 0, range.high + more) || range.low < 128);
-            }
-        }
+    unsigned char bytes[COUNT * MNI_WIRE_SIGHT_MAX], *end = bytes;
+    const unsigned char *at = bytes;
+    mni_wire_sight was[COUNT], is;
+    mni_wire_pen pen = mni_wire_pen_open(400, 0);
+    for (int k = 0; k < COUNT; k++) {
+        uint32_t low = fixture_random(&state) % 1000;
+        was[k] = (mni_wire_sight){fixture_random(&state), {low, low + fixture_random(&state) % 99}};
+        end = mni_wire_put_sight(&pen, end, &was[k]);
     }
-    mni_wire_reach none = mni_wire_reach_of(7, mni_wire_nothing);
-    ck_assert(none.below == 0 && none.above == 0);
+    pen = mni_wire_pen_open(400, 0);
+    for (int k = 0; k < COUNT; k++) {
+        mni_wire_get_sight(&pen, &at, &is);
+        ck_assert_mem_eq(&is, &was[k], sizeof is);
+    }
+    ck_assert_ptr_eq(at, end);
+}
+END_TEST
+
+START_TEST(what_is_on_the_grid) {
+    const struct {
+        float p[3], step;
+        bool is;
+    } of[] = {{{1, -2, 0}, 1, true},
+              {{1, -2, 0.5f}, 1, false},
+              {{1, -2, 0.5f}, 0.5f, true},
+              {{16777215, 0, 0}, 1, true},
+              {{0, -16777215, 0}, 1, true},
+              {{0, 16777216, 0}, 1, false},
+              {{0x1p-120f, 0, 0}, 1, false},
+              {{3 * 0x1p-120f, 0, 0}, 0x1p-120f, true},
+              {{INFINITY, 0, 0}, 1, false},
+              {{0x1p60f, 0, 0}, 0x1p40f, true},
+              {{1, 0x1p-24f, 0}, 0x1p-24f, false}};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        ck_assert_msg(mni_wire_on_grid(of[i].p, of[i].step) == of[i].is, "%zu", i);
 }
 END_TEST
 
 int main(void) {
     Suite *s = suite_create("wire");
     TCase *t = tcase_create("wire");
-    tcase_add_test(t, quadrics);
-    tcase_add_test(t, witnesses);
-    tcase_add_test(t, normals);
-    tcase_add_test(t, reaches);
+    tcase_add_test(t, vertices);
+    tcase_add_test(t, simplices);
+    tcase_add_test(t, sights);
+    tcase_add_test(t, what_is_on_the_grid);
     suite_add_tcase(s, t);
     return suite_run(s);
 }
