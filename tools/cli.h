@@ -30,6 +30,7 @@ int cmd_view(int argc, char **argv);
 int cmd_make(int argc, char **argv);
 int cmd_compare(int argc, char **argv);
 int cmd_stress(int argc, char **argv);
+int cmd_trace(int argc, char **argv);
 int cmd_tune(int argc, char **argv);
 int cmd_bench(int argc, char **argv);
 

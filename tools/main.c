@@ -21,6 +21,7 @@ static const cli_command commands[] = {
     {"view", cmd_view, "the window"},
     {"shoot", cmd_shoot, "one picture of a path, without a display"},
     {"stress", cmd_stress, "tiny memory, wild cameras, failing disks, everything checked"},
+    {"trace", cmd_trace, "what happened in a run: a report, a table, a picture in time"},
     {"tune", cmd_tune, "sweeps L, block sizes and K: table, best setting, plots"},
     {"bench", cmd_bench, "measurements that the documents quote"},
     {NULL, NULL, NULL},

@@ -261,8 +261,9 @@ mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref re
     mni_wish wish = wish_for(store, MNI_WAY_OVERFLOW, ref, owner);
     wish.adds = true;
     const mni_answer answer = store->kind->overflow(store->blocks, &wish, bytes);
-    if (answer == MNI_ABSENT)
-        trace_answer(&wish, answer);
+    trace_answer(&wish, answer);
+    if (answer == MNI_GRANTED) /* for this one split */
+        MNI_TRACE(MN_TRACE_LEAVE, 0, ref.id, 0);
     return answer;
 }
 
