@@ -19,7 +19,6 @@
 
 enum {
     CSV = SESSION_OPTION_END,
-    TRACE,
     IMAGES,
     IMAGES_EVERY,
     SETTLE,
@@ -36,7 +35,7 @@ enum {
 
 typedef struct replay {
     session_options options;
-    const char *csv_name, *trace_name, *images_dir;
+    const char *csv_name, *images_dir;
     uint64_t images_every;
     const char *path_out; /* --write-path; NULL: navigate */
     uint64_t key_every;
@@ -62,7 +61,6 @@ static void help(void) {
         "  --paced           frames in real time even where no disk needs it, and nothing counted\n"
         "                    between them that takes long: to compare times\n"
         "  --csv F           a row a frame\n"
-        "  --trace F         everything that happens, for metanode trace\n"
         "  --images DIR      a picture a frame, DIR/frame-000000.png …\n"
         "  --reference       each frame's picture beside the same with everything resident, which\n"
         "                    another process draws: PSNR and SSIM (see metanode compare --help)\n"
@@ -81,9 +79,6 @@ static mn_code take_own(replay *r, int option, const char *value) {
     switch (option) {
     case CSV:
         r->csv_name = value;
-        return MN_OK;
-    case TRACE:
-        r->trace_name = value;
         return MN_OK;
     case IMAGES:
         r->images_dir = value;
@@ -120,7 +115,6 @@ static mn_code take_own(replay *r, int option, const char *value) {
 static bool parse(replay *r, int argc, char **argv, int *code) {
     static const struct option options[] = {SESSION_OPTIONS,
                                             {"csv", required_argument, NULL, CSV},
-                                            {"trace", required_argument, NULL, TRACE},
                                             {"images", required_argument, NULL, IMAGES},
                                             {"images-every", required_argument, NULL, IMAGES_EVERY},
                                             {"settle", no_argument, NULL, SETTLE},
@@ -148,8 +142,8 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
     *code = session_options_file(&r->options, argc, argv);
     if (*code == MN_OK && r->options.path_name == NULL)
         *code = cli_error(MN_USAGE, "replay: which --path? orbit, dive, flyover, or a path file");
-    const char *const outputs[] = {r->csv_name, r->trace_name, r->path_out};
-    for (int i = 0; i < 3 && *code == MN_OK; i++)
+    const char *const outputs[] = {r->csv_name, r->path_out};
+    for (int i = 0; i < 2 && *code == MN_OK; i++)
         *code = session_options_output(&r->options, argv[0], outputs[i]);
     return *code == MN_OK;
 }
@@ -194,7 +188,6 @@ static mn_code open_all(replay *r, mn_status *st) {
         return code;
     o->desc.base_bytes = sizeof *r + mn_path_bytes(r->path);
     o->desc.wide_front_over_wanted = !r->paced;
-    o->desc.trace_path = r->trace_name;
     code = mn_session_open(&o->desc, &r->session, st);
     if (code == MN_OK && r->csv_name != NULL)
         code = csv_open(r, st);

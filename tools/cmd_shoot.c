@@ -161,6 +161,6 @@ int cmd_shoot(int argc, char **argv) {
     if (mn_session_open(&s.session.desc, &session, &st) == MN_OK)
         take(&s, session, &p, &st);
     picture_close(&p);
-    mn_session_close(session);
+    (void)mn_session_end(session, &st);
     return cli_status(&st);
 }

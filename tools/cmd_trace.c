@@ -134,6 +134,8 @@ int cmd_trace(int argc, char **argv) {
                    ? trace_chrome(file, (uint32_t)o.from_frame, (uint32_t)o.to_frame, out, &st)
                : o.to == CSV ? csv(file, &o, out, &st)
                              : report(file, &o, out, &st);
+    if (code == MN_OK) /* at once, while errno is the write's */
+        (void)cli_written(out, "trace:", o.out != NULL ? o.out : "standard output", &st);
     if (o.out != NULL && out != NULL)
         (void)cli_written_all(out, "trace:", o.out, &st);
     mn_trace_close(file);

@@ -472,7 +472,7 @@ int cmd_view(int argc, char **argv) {
         stop_recording(&v);
     if (v.gl != NULL)
         v.load.api->close(v.gl);
-    mn_session_close(v.session);
+    (void)mn_session_end(v.session, &st);
     mn_path_close(v.path);
     return cli_status(&st);
 }

@@ -38,6 +38,7 @@ const char session_options_help[] =
     "  --io-serial       all reads of a frame done, in order, before the next\n"
     "  --seed S          of the simulated disk (0)\n"
     "  --barrier         each frame's camera stands until nothing changes\n"
+    "  --trace F         everything that happens, for metanode trace\n"
     "  --json            figures as one JSON object; not of view\n";
 
 static void warn(void *context, const char *text) {
@@ -197,6 +198,9 @@ static const char *take(session_options *o, int option, const char *value) {
             return "--prefetch: ahead, neighbours or off";
         o->desc.prefetch = (mn_prefetch)choice;
         return NULL;
+    case SESSION_TRACE:
+        o->desc.trace_path = value;
+        return NULL;
     case SESSION_SEED:
         return cli_u64(value, 0, UINT64_MAX, &o->desc.seed) ? NULL : "--seed: a number";
     default: /* the switches */
@@ -229,7 +233,7 @@ int session_options_file(session_options *o, int argc, char **argv) {
                          argv[0]);
     o->desc.path = argv[optind];
     o->desc.weights.light = o->light ? o->light_factor : 1;
-    return MN_OK;
+    return session_options_output(o, argv[0], o->desc.trace_path);
 }
 
 int session_options_output(const session_options *o, const char *command, const char *out) {

@@ -47,6 +47,7 @@ enum session_option {
     SESSION_IO_SERIAL,
     SESSION_SEED,
     SESSION_BARRIER,
+    SESSION_TRACE,
     SESSION_JSON,
     SESSION_OPTION_END, /* first value for a command's own long options */
 };
@@ -73,6 +74,7 @@ enum { SESSION_TIGHTER = 2 }; /* on silhouettes and for the light, when nothing 
         {"degrade", required_argument, NULL, SESSION_DEGRADE},                                     \
         {"io", required_argument, NULL, SESSION_IO},                                               \
         {"prefetch", required_argument, NULL, SESSION_PREFETCH},                                   \
+        {"trace", required_argument, NULL, SESSION_TRACE},                                         \
         {"io-serial", no_argument, NULL, SESSION_IO_SERIAL},                                       \
         {"seed", required_argument, NULL, SESSION_SEED},                                           \
         {"barrier", no_argument, NULL, SESSION_BARRIER}, {                                         \
@@ -89,7 +91,8 @@ bool session_options_take(session_options *o, const char *command, int option, c
                           int *code);
 /* MN_USAGE, and said, where an output (NULL: none) would go over FILE or the path. */
 int session_options_output(const session_options *o, const char *command, const char *out);
-/* The one FILE after the options. MN_USAGE when there is none or more than one: reported. */
+/* The one FILE after the options. MN_USAGE when there is none or more than one, or the trace would
+ * go over it: reported. */
 int session_options_file(session_options *o, int argc, char **argv);
 
 #endif

@@ -80,7 +80,8 @@ static void text_head(const trace_report *r, FILE *out) {
             r->posted[MN_TRACE_PREFETCH], r->ended[MN_TRACE_PREFETCH][MN_TRACE_END_LOADED],
             r->prefetches_used, r->lost_unused, precision(r), recall(r));
     fprintf(out, "locks      Navigate waited %" PRIu64 " times, %.1f us at most\n",
-            r->lock_waits[MN_TRACE_NAVIGATE], 1e-3 * (double)r->lock_wait_ns_max[MN_TRACE_NAVIGATE]);
+            r->lock_waits[MN_TRACE_NAVIGATE],
+            1e-3 * (double)r->lock_wait_ns_max[MN_TRACE_NAVIGATE]);
     fprintf(out,
             "in use     %" PRIu64 " blocks at most, %" PRIu64
             " with ancestors; %.0f different ones in %d frames, %" PRIu64 " at most\n",

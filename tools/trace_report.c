@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { GUESSES = 10 }; /* sizes of pools that nobody has asked for */
+
 /* ---- blocks ---------------------------------------------------------------------------------- */
 
 static report_block *block_of(trace_report *r, uint32_t id, uint32_t *number) {
@@ -405,7 +407,8 @@ static void add_size(trace_report *r, uint64_t k) {
     r->sizes++;
 }
 
-/* From what was in use at once to the farthest distance, by equal factors, and the run's own. */
+/* From what was in use at once, without which nothing goes, to the farthest distance, and the run's
+ * own. */
 static void choose_sizes(trace_report *r, const uint64_t *size, uint32_t sizes) {
     const uint64_t farthest = trace_reuse_farthest(&r->reuse);
     for (uint32_t i = 0; i < sizes; i++)
@@ -415,9 +418,8 @@ static void choose_sizes(trace_report *r, const uint64_t *size, uint32_t sizes) 
     if (sizes > 0 || farthest == 0)
         return;
     add_size(r, farthest);
-    for (uint64_t k = r->info->k_min; k < farthest; k += k / 4 + 1)
-        if (r->sizes < REPORT_SIZES / 2 || k + k / 4 + 1 >= farthest)
-            add_size(r, k);
+    for (uint64_t i = 0, least = r->in_use_max; least < farthest && i < GUESSES; i++)
+        add_size(r, least + i * (farthest - least) / GUESSES);
 }
 
 mn_code trace_report_make(mn_trace_file *file, const uint64_t *size, uint32_t sizes,

@@ -50,7 +50,13 @@ static mn_code read_at(const mn_trace_file *file, uint64_t at, void *bytes, size
     const int64_t got = mni_in_read(&file->in, at, bytes, count);
     if (got < 0)
         return mn_fail(st, MN_FAILED, "%s: cannot be read: %s", file->name, strerror((int)-got));
-    return got == (int64_t)count ? MN_OK : damaged(file, at, "the trace ends here", st);
+    if (got == (int64_t)count)
+        return MN_OK;
+    return mn_fail(
+        st, MN_BAD_INPUT,
+        "%s: the trace ends before its end: the run was stopped, or its disk full; --cut "
+        "reads what is there",
+        file->name);
 }
 
 /* One more than the largest that may stand in aux; 0: anything may. */
@@ -206,11 +212,6 @@ static mn_code check_all(mn_trace_file *file, bool cut, mn_status *st) {
             file->cut = true;
             return MN_OK;
         }
-        if (code != MN_OK && file->end == file->in.size_bytes)
-            return mn_fail(st, code,
-                           "%s: the trace ends before its end: the run was stopped; --cut reads "
-                           "what is there",
-                           file->name);
         if (code != MN_OK)
             return mn_fail(st, code, "%s", why.text);
         if (chunk.thread == MNI_TRACE_END)

@@ -1,16 +1,18 @@
-/* e2e_json [KEY …] < TEXT: is the text one JSON object, as the program's --json promises? Prints
- * the values of the keys, one a line, as they are written (strings without their quotes).
+/* e2e_json [--foreign] [KEY …] < TEXT: is the text one JSON object, as the program's --json
+ * promises? Prints the values of the keys, one a line, as they are written (strings without their
+ * quotes).
  *
  * Exit 0; 1 and a line that says what is wrong: not JSON (RFC 8259), more than one value, a key
  * twice, a key that is not snake_case, a number that a shell or awk would not take, or a KEY that
- * is not in the outermost object. For the end-to-end scripts. One thread; memory: the text. */
+ * is not in the outermost object. --foreign: a format of others, whose keys need not be snake_case.
+ * For the end-to-end scripts. One thread; memory: the text. */
 #include <ctype.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { TEXT_MAX = 1 << 20, KEYS_MAX = 256, DEPTH_MAX = 16 };
+enum { TEXT_MAX = 1 << 24, KEYS_MAX = 256, DEPTH_MAX = 16 };
 
 typedef struct member {
     const char *key, *value;
@@ -20,6 +22,7 @@ typedef struct member {
 static char text[TEXT_MAX + 1];
 static member outer[KEYS_MAX];
 static int members;
+static bool foreign;
 
 static void wrong(const char *at, const char *what) {
     fprintf(stderr, "e2e_json: byte %td: %s: %.20s\n", at - text, what, at);
@@ -78,8 +81,8 @@ static void remember(const char *key, const char *key_end, const char *from, con
 static const char *object(const char *at, int depth) {
     for (at = space(at + 1); *at != '}';) {
         const char *key = at + 1, *end = string(at) - 1;
-        if (strspn(key, "abcdefghijklmnopqrstuvwxyz0123456789_") != (size_t)(end - key) ||
-            key == end)
+        if (key == end || (!foreign && strspn(key, "abcdefghijklmnopqrstuvwxyz0123456789_") !=
+                                           (size_t)(end - key)))
             wrong(key, "a key that is not snake_case");
         at = space(end + 1);
         if (*at != ':')
@@ -137,6 +140,7 @@ static int print(const char *key) {
 }
 
 int main(int argc, char **argv) {
+    foreign = argc > 1 && strcmp(argv[1], "--foreign") == 0;
     size_t length = fread(text, 1, TEXT_MAX, stdin);
     if (strlen(text) != length || length == TEXT_MAX)
         wrong(text, "a zero byte, or too long");
@@ -147,7 +151,7 @@ int main(int argc, char **argv) {
     if (*at != 0)
         wrong(at, "more than one value");
     int missing = 0;
-    for (int i = 1; i < argc; i++)
+    for (int i = 1 + foreign; i < argc; i++)
         missing |= print(argv[i]);
     return missing;
 }
