@@ -71,20 +71,24 @@ static void half_full(mni_trace *t) {
         (void)sem_post(&t->work);
 }
 
-static void put(mni_trace_ring *ring, mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b) {
-    const uint64_t head = atomic_load_explicit(&ring->head, memory_order_relaxed);
-    if (head - ring->tail_seen >= ring->max / 2) {
-        ring->tail_seen = atomic_load_explicit(&ring->tail, memory_order_acquire);
-        if (head - ring->tail_seen == ring->max) {
-            const uint64_t dropped = atomic_load_explicit(&ring->dropped, memory_order_relaxed);
-            atomic_store_explicit(&ring->dropped, dropped + 1, memory_order_release);
-            return;
-        }
-        if (head - ring->tail_seen >= ring->max / 2 && head % (ring->max / 4) == 0)
-            half_full(ring->trace);
+/* The ring is half full or more, as far as its producer knows. false: it is full. */
+static __attribute__((noinline)) bool has_room_slow(mni_trace_ring *ring, uint64_t head) {
+    ring->tail_seen = atomic_load_explicit(&ring->tail, memory_order_acquire);
+    if (head - ring->tail_seen == ring->max) {
+        const uint64_t dropped = atomic_load_explicit(&ring->dropped, memory_order_relaxed);
+        atomic_store_explicit(&ring->dropped, dropped + 1, memory_order_release);
+        return false;
     }
-    ring->event[head & (ring->max - 1)] =
-        (mni_trace_event){(uint64_t)kind | (uint64_t)aux << 8 | ring->ns << 16, a, b};
+    if (head - ring->tail_seen >= ring->max / 2 && head % (ring->max / 4) == 0)
+        half_full(ring->trace);
+    return true;
+}
+
+static inline void put(mni_trace_ring *ring, uint64_t what, uint32_t a, uint32_t b) {
+    const uint64_t head = atomic_load_explicit(&ring->head, memory_order_relaxed);
+    if (__builtin_expect(head - ring->tail_seen >= ring->max / 2, 0) && !has_room_slow(ring, head))
+        return;
+    ring->event[head & (ring->max - 1)] = (mni_trace_event){what | ring->ns << 16, a, b};
     atomic_store_explicit(&ring->head, head + 1, memory_order_release);
 }
 
@@ -100,7 +104,7 @@ void mni_trace_put(mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b) {
         ring->absent = a;
     ring->ns = now_ns(ring->trace);
     ring->often = 0;
-    put(ring, kind, aux, a, b);
+    put(ring, (uint64_t)kind | (uint64_t)aux << 8, a, b);
 }
 
 void mni_trace_put_often(mn_trace_kind kind, uint32_t a) {
@@ -109,7 +113,7 @@ void mni_trace_put_often(mn_trace_kind kind, uint32_t a) {
         ring->ns = now_ns(ring->trace);
         ring->often = 0;
     }
-    put(ring, kind, 0, a, 0);
+    put(ring, kind, a, 0);
 }
 
 void mni_trace_put_miss(uint32_t aux, bool bad) {
