@@ -173,6 +173,8 @@ static void corner_push_far(mni_front *f, mni_front_node *n, uint32_t c) {
     if (count == MNI_FRONT_CHUNK) {
         uint32_t i = chunk_new(f);
         f->chunk[i].next = is_long ? n->more : MN_NONE;
+        f->chunk[i].witness_order = is_long ? f->chunk[n->more].witness_order : 0;
+        n->witness = is_long ? n->witness : MN_NONE;
         n->more = i;
         count = 0;
     }
@@ -218,6 +220,8 @@ static void corner_remove_far(mni_front *f, mni_front_node *n, uint32_t c) {
     if (last == chunk->corner) {
         uint32_t empty = n->more;
         n->more = chunk->next == MN_NONE ? MNI_FRONT_SHORT + MNI_FRONT_CORNERS : chunk->next;
+        if (mni_front_is_long(n))
+            f->chunk[n->more].witness_order = chunk->witness_order;
         chunk_free(f, empty);
     }
 }

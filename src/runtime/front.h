@@ -57,7 +57,8 @@ typedef struct mni_front_node {
     uint32_t more;                      /* first chunk of further corners, or MNI_FRONT_SHORT … */
     uint32_t parent : 29;               /* branch */
     uint32_t flags : 3;
-    uint32_t witness, witness_order; /* a neighbour that blocked a move of it, as long as active */
+    uint32_t witness; /* of a long list: a neighbour that blocked a move of it, as long as active */
+    uint32_t waits;   /* Navigate's, of a slot: who waits for its node to go (waiting.h) */
 } mni_front_node;
 _Static_assert(sizeof(mni_front_node) == 64, "one line of the cache");
 
@@ -65,7 +66,8 @@ _Static_assert(sizeof(mni_front_node) == 64, "one line of the cache");
  * chunks are enough for any front. */
 typedef struct mni_front_chunk {
     uint32_t corner[MNI_FRONT_CHUNK];
-    uint32_t next; /* chunk, or MN_NONE; free: next free one */
+    uint32_t next;          /* chunk, or MN_NONE; free: next free one */
+    uint32_t witness_order; /* of a list's first chunk: of its node's witness */
 } mni_front_chunk;
 
 typedef struct mni_front_face {
@@ -73,7 +75,8 @@ typedef struct mni_front_face {
     uint16_t index; /* its record: node in its parent's block, or, of an exit, that */
 } mni_front_face;
 
-/* An expanded node. Its position and first leaf are those of its slot. */
+/* An expanded node. Its position and first leaf are those of its slot. One line of the cache as
+ * well: what the last eight bytes and a test of a collapse ask for comes with the rest. */
 typedef struct mni_front_branch {
     uint32_t order;
     float switch_value, radius;
@@ -84,7 +87,10 @@ typedef struct mni_front_branch {
     uint32_t slot;        /* that it had, and its leftmost descendant has; MN_NONE: free */
     uint32_t exit : 1;    /* MNI_NODE_EXIT */
     uint32_t killed : 31; /* simplices that its split brought */
+    uint32_t wait_next, wait_before; /* Navigate's: what it waits for (waiting.h) */
+    uint32_t unused[3];
 } mni_front_branch;
+_Static_assert(sizeof(mni_front_branch) == 64, "one line of the cache");
 
 /* A node that may have gone: slots pass from node to node. */
 typedef struct mni_front_ref {

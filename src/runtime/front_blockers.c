@@ -13,13 +13,14 @@ static bool is_long(const mni_front *f, uint32_t slot) {
     return mni_front_is_long(&f->node[slot]);
 }
 
+/* Of a long list. */
 static bool witness_stands(const mni_front *f, const mni_front_node *n) {
-    return n->witness != MN_NONE && f->node[n->witness].order == n->witness_order;
+    return n->witness != MN_NONE && f->node[n->witness].order == f->chunk[n->more].witness_order;
 }
 
 static void witness_set(mni_front *f, uint32_t slot, uint32_t found) {
     f->node[slot].witness = found;
-    f->node[slot].witness_order = f->node[found].order;
+    f->chunk[f->node[slot].more].witness_order = f->node[found].order;
 }
 
 /* ---- splits ---------------------------------------------------------------------------------- */
@@ -66,7 +67,7 @@ uint32_t mni_front_split_blocker(mni_front *f, uint32_t slot) {
         uint32_t mask = look(f, slot);
         return mask == 0 ? MN_NONE : f->ring.slot[__builtin_ctz(mask)];
     }
-    if (witness_stands(f, p) && p->witness_order > p->order)
+    if (witness_stands(f, p) && f->node[p->witness].order > p->order)
         return p->witness;
     if (split_blockers_far(f, slot, &found, 1) == 0)
         return MN_NONE;

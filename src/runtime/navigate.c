@@ -126,7 +126,7 @@ static bool has_to_wait(mni_navigator *nav, uint32_t fork, uint32_t blocker) {
  * their turn is still to come. */
 static void wake(mni_navigator *nav, uint32_t slot) {
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, slot); fork != MN_NONE;
-         fork = nav->waiting.next[fork])
+         fork = mni_waiting_next(&nav->waiting, fork))
         mni_agenda_push(&nav->agenda,
                         (mni_agenda_item){UNTESTED, nav->front.branch[fork].order, fork});
 }
@@ -491,7 +491,7 @@ static bool keep_split(mni_navigator *nav, uint32_t branch) {
     MNI_TRACE_OFTEN(MN_TRACE_SPLIT, mni_store_block_id(front->store, b->home));
     mni_front_release(&nav->front, branch);
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, b->slot); fork != MN_NONE;
-         fork = nav->waiting.next[fork])
+         fork = mni_waiting_next(&nav->waiting, fork))
         nav->fork_due[fork] = LOOK;
     if (b->parent != MNI_FRONT_NO_PARENT)
         mni_waiting_drop(&nav->waiting, b->parent);
@@ -731,7 +731,7 @@ size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
     return mni_front_need_bytes(header, nodes_max, simplices_max) + mni_agenda_need(nodes_max) +
            mni_arena_need(MNI_STACK_MAX, sizeof(mni_front_ref), 64) +
            mni_arena_need(chain_room(nodes_max), sizeof(uint32_t), 64) +
-           mni_arena_need(nodes_max, sizeof(mni_refusal), 64) + mni_waiting_need(nodes_max) +
+           mni_arena_need(nodes_max, sizeof(mni_refusal), 64) +
            2 * mni_arena_need(whole_batches(nodes_max), sizeof(float), 64);
 }
 
@@ -743,7 +743,7 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     nav->stack = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->stack, 64);
     nav->chain = mni_arena_take(arena, nav->chain_max, sizeof *nav->chain, 64);
     nav->refusal = mni_arena_take(arena, nodes_max, sizeof *nav->refusal, 64);
-    mni_waiting_open(&nav->waiting, nodes_max, arena);
+    mni_waiting_open(&nav->waiting, &nav->front);
     nav->fork_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     nav->slot_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     mni_level_open(&nav->level);
