@@ -439,6 +439,7 @@ static mn_code work(mni_cell *cell) {
 mn_code mni_cell_run(mni_cell *cell, mn_status *st) {
     mni_simplifier *s = &cell->s;
     s->st = st;
+    s->poll = cell->desc.poll;
     mn_code code = mni_simplify_room(s, cell->vertices);
     s->made.key = malloc((size_t)cell->vertices * sizeof *s->made.key);
     if (code == MN_OK && s->made.key == NULL)

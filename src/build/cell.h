@@ -36,6 +36,7 @@ typedef struct mni_cell_desc {
     int stage;   /* otherwise: this one, 1 … 4; whole begins with it */
     float slack; /* stages 1 to 3: by which factor, from 1 on, a collapse may cost more than one
                     beside it that has to wait; INFINITY: none waits but for what is not here */
+    mni_poll poll;
 } mni_cell_desc;
 
 /* What is known of a vertex beside its place on the surface. */

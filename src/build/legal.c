@@ -199,7 +199,16 @@ static bool strays(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
 
 /* Whether an alive triangle holds all three. */
 static bool triangle_holds(mni_surface *s, uint32_t a, uint32_t b, uint32_t k) {
-    uint32_t count;
+    uint32_t count, shortest[3] = {a, b, k};
+    for (int i = 1; i < 3; i++) /* to the front: one of them may be a pole */
+        if (s->vertex[shortest[i]].fan.count < s->vertex[shortest[0]].fan.count) {
+            uint32_t other = shortest[0];
+            shortest[0] = shortest[i];
+            shortest[i] = other;
+        }
+    a = shortest[0];
+    b = shortest[1];
+    k = shortest[2];
     const uint32_t *list = mni_surface_fan(s, a, &count);
     for (uint32_t i = 0; i < count; i++) {
         const mni_simplex *x = &s->simplex[list[i]];

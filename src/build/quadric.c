@@ -36,11 +36,13 @@ static double unit(double n[3]) {
 
 void mni_quadric_wall(mni_surface *surface, uint32_t v, uint32_t w) {
     uint32_t count;
-    const uint32_t *fan = mni_surface_fan(surface, v, &count);
     mni_vertex *vertex = surface->vertex;
+    bool v_shorter = vertex[v].fan.count <= vertex[w].fan.count;
+    const uint32_t *fan = mni_surface_fan(surface, v_shorter ? v : w, &count);
+    const uint32_t other = v_shorter ? w : v;
     for (uint32_t f = 0; f < count; f++) {
         const uint32_t *c = surface->simplex[fan[f]].v;
-        if (c[0] != w && c[1] != w && c[2] != w)
+        if (c[0] != other && c[1] != other && c[2] != other)
             continue;
         double e1[3], e2[3], normal[3], along[3], wall[3];
         edge_of(vertex[c[0]].p, vertex[c[1]].p, e1);

@@ -229,10 +229,23 @@ static mn_code number_cell(rounds *r, uint32_t c, mni_cell *cell, mn_status *st)
     return code == MN_OK ? tell(r, st) : code;
 }
 
+/* From inside a cell. */
+static bool go_on_with(void *context) {
+    rounds *r = context;
+    mn_status interrupted = {0};
+    pthread_mutex_lock(&r->lock);
+    bool goes_on = r->code == MN_OK && tell(r, &interrupted) == MN_OK;
+    pthread_mutex_unlock(&r->lock);
+    return goes_on;
+}
+
 /* What there is becomes a cell. */
 static mn_code open_cell(rounds *r, job *j, mn_status *st) {
-    mni_cell_desc desc = {
-        .metric = r->desc.metric, .whole = r->whole, .stage = r->stage, .slack = slack[r->slack]};
+    mni_cell_desc desc = {.metric = r->desc.metric,
+                          .whole = r->whole,
+                          .stage = r->stage,
+                          .slack = slack[r->slack],
+                          .poll = {go_on_with, r}};
     if (r->round == 0)
         return mni_cell_open_dealt(&j->cell, &desc, &j->hand, st);
     mn_code code = mni_tiles_take(r->now, &j->crate, st);

@@ -5,8 +5,8 @@
  * is made exact when it comes to the top, and goes back if it was too low. A candidate that is
  * illegal gives way to the vertex's next one; all are tried again when the vertex's ring changes.
  * Only the ring of r and k itself can come to have a legal candidate by a collapse r → k, so only
- * these are touched, and a pole with thousands of neighbours costs nothing while collapses beside
- * it go on.
+ * these are touched. A vertex with thousands of neighbours (hub.h) looks at its candidates after
+ * many such changes only.
  *
  * Stages (design.md §3.2): 1 legal, 2 folding allowed, 3 link condition waived until no simplex is
  * left, 4 virtual edges between roots (roots.c). One thread; blocks on nothing. Memory: the sum in
@@ -43,8 +43,16 @@ static const double MEASURED_SHARE = 0.22;
  * closed: 2.5 to 3 % */
 static const float RING_SLACK = 3;
 
+/* By this factor a collapse into a hub may cost more than its place in the order says. */
+#define HUB_RISE 1.0625f
+
+/* How often it is asked whether to go on: a signal is to be heard within 0.2 s. */
+static const double POLL_S = 0.05;
+
 enum {
     PROGRESS_EVERY = 1 << 14,
+    POLL_EVERY = 16,
+    HUB_CREDIT = 32, /* witnesses that are looked for all round a hub when it has become one */
     MEASURED_FAN_MAX = 128, /* simplices at a vertex: of poles nothing is measured in advance */
 #ifdef MN_SLOW_CHECKS
     ORDER_SAMPLE = 1,
@@ -99,9 +107,134 @@ static mni_heap_key best_candidate(mni_simplifier *s, uint32_t r, mni_heap_key f
     return best;
 }
 
+/* ---- hubs ---- */
+
+/* Of the keys of v and its neighbours. */
+static float largest_key(mni_simplifier *s, uint32_t v) {
+    const float *of = s->part.key;
+    float key = of[v];
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(&s->surface, v, &count);
+    for (uint32_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            uint32_t n = s->surface.simplex[fan[i]].v[c];
+            if (n != MN_NONE && of[n] > key)
+                key = of[n];
+        }
+    return key;
+}
+
+/* Whether r is one; makes it one, or lets it be one no more. */
+static bool is_hub(mni_simplifier *s, uint32_t r) {
+    mni_vertex *v = &s->surface.vertex[r];
+    uint32_t count;
+    if (!v->hub && v->fan.count <= MNI_HUB_FAN)
+        return false;
+    if (v->hub && mni_hubs_of(&s->hubs, r)->touched < mni_hubs_of(&s->hubs, r)->patience)
+        return true;
+    mni_surface_fan(&s->surface, r, &count);
+    if (v->hub || count <= MNI_HUB_FAN)
+        return v->hub &= count > MNI_HUB_FAN / 2;
+    mni_hub *h = mni_hubs_add(&s->hubs, &s->surface, r);
+    if (h == NULL) {
+        s->judge.no_memory = true;
+        return false;
+    }
+    h->touched = h->patience = count / MNI_HUB_PART;
+    h->homes.credit = (uint64_t)HUB_CREDIT * count;
+    if (s->part.key != NULL)
+        h->key = largest_key(s, r);
+    v->hub = true;
+    return true;
+}
+
+/* Puts it among a hub's choices if it is cheaper than one of them, or there is room. */
+static void choose(mni_hub *h, mni_heap_key key) {
+    uint32_t dearest = 0;
+    for (uint32_t i = 0; i < h->choices; i++) {
+        if (h->choice[i] == key)
+            return;
+        dearest = h->choice[i] > h->choice[dearest] ? i : dearest;
+    }
+    if (h->choices < MNI_HUB_CHOICES)
+        h->choice[h->choices++] = key;
+    else if (key < h->choice[dearest])
+        h->choice[dearest] = key;
+}
+
+/* Looks at all that a hub is joined to. */
+static void look_at_hub(mni_simplifier *s, mni_hub *h) {
+    uint32_t count, r = h->vertex;
+    const uint32_t *fan = mni_surface_fan(&s->surface, r, &count);
+    h->touched = h->choices = 0;
+    h->patience = count / MNI_HUB_PART;
+    for (uint32_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            uint32_t k = s->surface.simplex[fan[i]].v[c];
+            if (k != r && k != MN_NONE)
+                choose(h, key_of(s, r, k));
+        }
+}
+
+/* The least of the choices that are there yet; NULL: none. */
+static mni_heap_key *least_choice(mni_simplifier *s, mni_hub *h) {
+    mni_heap_key *least = NULL;
+    for (uint32_t i = 0; i < h->choices;) {
+        uint32_t k = mni_heap_key_kept(h->choice[i]);
+        if (!mni_surface_joined(&s->surface, h->vertex, k)) {
+            h->choice[i] = h->choice[--h->choices];
+            continue;
+        }
+        h->choice[i] = key_of(s, h->vertex, k);
+        least = least == NULL || h->choice[i] < *least ? &h->choice[i] : least;
+        i++;
+    }
+    return least;
+}
+
+/* Offers a hub's best choice, or lets it rest until enough has changed. */
+static void offer_hub(mni_simplifier *s, uint32_t r) {
+    mni_hub *h = mni_hubs_of(&s->hubs, r);
+    mni_vertex *v = &s->surface.vertex[r];
+    if (h->touched >= h->patience)
+        look_at_hub(s, h);
+    mni_heap_key *best = least_choice(s, h);
+    v->stale = v->measured = false;
+    v->tried = best == NULL;
+    if (best == NULL) {
+        mni_heap_remove(&s->heap, r);
+        return;
+    }
+    v->floor = *best;
+    mni_heap_set(&s->heap, r, *best);
+}
+
+/* Its choice is no good: the next one. */
+static void offer_next_of_hub(mni_simplifier *s, uint32_t r) {
+    mni_hub *h = mni_hubs_of(&s->hubs, r);
+    mni_heap_key *tried = least_choice(s, h);
+    if (tried != NULL)
+        *tried = h->choice[--h->choices];
+    offer_hub(s, r);
+}
+
+/* Something has changed around a hub: whether it is time to look at it again. */
+static bool touch_hub(mni_simplifier *s, uint32_t v, uint32_t removed, uint32_t kept) {
+    mni_hub *h = mni_hubs_of(&s->hubs, v);
+    for (int i = 0; i < MNI_WITNESSES; i++)
+        if (h->homes.at[i] == removed)
+            h->homes.at[i] = kept;
+    h->touched++;
+    return h->touched >= h->patience || !s->surface.vertex[v].tried;
+}
+
 /* Offers r's cheapest candidate afresh. */
 static void offer(mni_simplifier *s, uint32_t r) {
     mni_vertex *v = &s->surface.vertex[r];
+    if (is_hub(s, r)) {
+        offer_hub(s, r);
+        return;
+    }
     mni_heap_key best = best_candidate(s, r, 0);
     v->stale = v->measured = false;
     v->tried = best == MNI_HEAP_KEY_NONE;
@@ -113,14 +246,36 @@ static void offer(mni_simplifier *s, uint32_t r) {
     mni_heap_set(&s->heap, r, best);
 }
 
+/* Nobody else has a candidate. Hubs around which something has changed look once more: once a
+ * stage, for there might be little that comes of it, and much to look at; in the last one, until
+ * nothing is left. */
+static bool call_hubs(mni_simplifier *s) {
+    for (uint32_t i = 0; i < s->hubs.room; i++) {
+        mni_hub *h = &s->hubs.hub[i];
+        if (h->vertex == MN_NONE || !s->surface.vertex[h->vertex].hub || h->touched == 0 ||
+            (h->called && s->stage < 3))
+            continue;
+        h->called = true;
+        h->touched = h->patience;
+        offer(s, h->vertex);
+    }
+    return s->heap.count > 0;
+}
+
 /* Until its ring changes. */
 static void withdraw(mni_simplifier *s, uint32_t r) {
     s->surface.vertex[r].tried = true;
+    if (s->surface.vertex[r].hub)
+        mni_hubs_of(&s->hubs, r)->choices = 0;
     mni_heap_remove(&s->heap, r);
 }
 
 /* r's candidate is no good: its next one. */
 static void offer_next(mni_simplifier *s, uint32_t r) {
+    if (s->surface.vertex[r].hub) {
+        offer_next_of_hub(s, r);
+        return;
+    }
     mni_heap_key best = best_candidate(s, r, mni_heap_key_of(&s->heap, r) + 1);
     s->surface.vertex[r].tried = true;
     if (best == MNI_HEAP_KEY_NONE)
@@ -138,9 +293,14 @@ static bool lower_floor(mni_simplifier *s, uint32_t r, uint32_t k) {
     return lower;
 }
 
-/* r's ring has changed and k is in it: whatever was tried may be tried again. */
-static void touch(mni_simplifier *s, uint32_t r, uint32_t k) {
+/* r's ring has changed, `removed` having gone into k in it: whatever was tried may be tried again.
+ */
+static void touch(mni_simplifier *s, uint32_t r, uint32_t removed, uint32_t k) {
     mni_vertex *v = &s->surface.vertex[r];
+    if (v->hub && !touch_hub(s, r, removed, k)) {
+        lower_floor(s, r, k);
+        return;
+    }
     v->stale = true;
     if (lower_floor(s, r, k) || v->tried)
         mni_heap_set(&s->heap, r, v->floor);
@@ -201,19 +361,38 @@ static bool is_least(mni_simplifier *s, uint32_t r, mni_heap_key key) {
 
 /* ---- collapses ---- */
 
+/* Hubs are told what their neighbours' keys have come to; where k is one itself it cannot ask who
+ * its neighbours are, and tells all. */
+static void tell_hubs(mni_simplifier *s, uint32_t k, float key) {
+    uint32_t count;
+    const uint32_t *fan;
+    if (s->hubs.taken == 0)
+        return;
+    if (s->surface.vertex[k].hub) {
+        for (uint32_t i = 0; i < s->hubs.room; i++)
+            if (s->hubs.hub[i].vertex != MN_NONE && s->hubs.hub[i].key < key)
+                s->hubs.hub[i].key = key;
+        return;
+    }
+    fan = mni_surface_fan(&s->surface, k, &count);
+    for (uint32_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            uint32_t v = s->surface.simplex[fan[i]].v[c];
+            if (v != MN_NONE && s->surface.vertex[v].hub && mni_hubs_of(&s->hubs, v)->key < key)
+                mni_hubs_of(&s->hubs, v)->key = key;
+        }
+}
+
 /* The collapse, and what it has waited for: its children and their neighbours, which must have come
  * before it. */
 static void keep_key(mni_simplifier *s, uint32_t r, uint32_t k, float cost) {
     float *of = s->part.key, key = cost > of[r] ? cost : of[r];
-    uint32_t count;
-    const uint32_t *fan = mni_surface_fan(&s->surface, k, &count);
-    for (uint32_t i = 0; i < count; i++)
-        for (int c = 0; c < 3; c++) {
-            uint32_t v = s->surface.simplex[fan[i]].v[c];
-            if (v != MN_NONE && of[v] > key)
-                key = of[v];
-        }
-    s->made.key[s->made.count] = of[k] = of[k] > key ? of[k] : key;
+    float around = s->surface.vertex[k].hub ? mni_hubs_of(&s->hubs, k)->key : largest_key(s, k);
+    key = around > key ? around : key;
+    for (uint32_t i = 0; i < s->judge.ring_count && s->surface.vertex[k].hub; i++)
+        key = of[s->judge.around[i]] > key ? of[s->judge.around[i]] : key;
+    s->made.key[s->made.count] = of[k] = key;
+    tell_hubs(s, k, key);
 }
 
 mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k, float cost) {
@@ -225,7 +404,11 @@ mn_code mni_simplify_record(mni_simplifier *s, uint32_t r, uint32_t k, float cos
     s->made.right[at] = removed->node;
     s->made.value[kept->node] = kept->value; /* what it has risen to */
     s->made.value[removed->node] = removed->value;
-    mni_witness_collapse(&s->witness, &s->surface, s->judge.around, s->judge.ring_count, r, k);
+    if (kept->hub)
+        mni_witness_collapse_hub(&s->witness, &s->surface, s->judge.around, s->judge.ring_count, r,
+                                 k, &mni_hubs_of(&s->hubs, k)->homes);
+    else
+        mni_witness_collapse(&s->witness, &s->surface, s->judge.around, s->judge.ring_count, r, k);
     kept->node = s->surface.vertices + at;
     removed->node = MN_NONE;
     s->counts.collapses_by_stage[s->stage - 1]++;
@@ -258,7 +441,8 @@ static bool overtaken(mni_simplifier *s, uint32_t v, mni_heap_key key, uint32_t 
                 continue;
             mni_heap_key out = key_of(s, v, w), in = key_of(s, w, v);
             bool v_first = !is_dearer(s, v) && mni_heap_key_less(out, v, key, r);
-            bool w_first = !is_dearer(s, w) && mni_heap_key_less(in, w, key, r);
+            bool w_first =
+                !s->surface.vertex[w].hub && !is_dearer(s, w) && mni_heap_key_less(in, w, key, r);
             if ((v_first && allowed(s, v, w)) || (w_first && allowed(s, w, v)))
                 return true;
         }
@@ -276,6 +460,24 @@ static void check_order(mni_simplifier *s, uint32_t r, mni_heap_key key) {
 static bool order_is_checked(const mni_simplifier *s, uint32_t r, uint32_t k) {
     return s->made.count % ORDER_SAMPLE == 0 && s->surface.vertex[r].fan.count <= ORDER_FAN_MAX &&
            s->surface.vertex[k].fan.count <= ORDER_FAN_MAX;
+}
+
+/* k has become another, and perhaps a hub, which rests at first: or one that goes from neighbour to
+ * neighbour would move all of its simplices each time. */
+static void wake_kept(mni_simplifier *s, uint32_t k) {
+    mni_vertex *v = &s->surface.vertex[k];
+    if (v->hub) {
+        if (!touch_hub(s, k, MN_NONE, MN_NONE))
+            return;
+    } else if (is_hub(s, k)) {
+        mni_hubs_of(&s->hubs, k)->touched = 1;
+        v->tried = true;
+        mni_heap_remove(&s->heap, k);
+        return;
+    }
+    v->stale = true; /* and perhaps without a candidate: its turn will show */
+    v->tried = false;
+    mni_heap_set(&s->heap, k, v->floor);
 }
 
 static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
@@ -301,13 +503,12 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     for (uint32_t i = 0; i < j->ring_count; i++) {
         uint32_t n = j->around[i];
         if (n != k) {
-            touch(s, n, k);
+            touch(s, n, r, k);
             lower_floor(s, k, n);
         }
     }
-    vertex[k].stale = true; /* and perhaps without a candidate: its turn will show */
-    vertex[k].tried = false;
-    mni_heap_set(&s->heap, k, vertex[k].floor);
+    vertex[r].hub = false;
+    wake_kept(s, k);
     if (s->heap.count > 0)
         mni_surface_fetch_neighbours(&s->surface, mni_heap_top(&s->heap));
     return mni_simplify_record(s, r, k, cost);
@@ -340,6 +541,12 @@ static void close_vertex(mni_simplifier *s, uint32_t v, float cost, uint32_t kep
 /* What is put off will change the rings of both: they wait too, with what would cost much more. */
 static void close_ring(mni_simplifier *s, uint32_t v, float cost) {
     uint32_t count;
+    if (s->surface.vertex[v].hub) { /* most of its ring is that of the last time */
+        mni_hub *h = mni_hubs_of(&s->hubs, v);
+        if (cost >= h->closed / 2)
+            return;
+        h->closed = cost;
+    }
     const uint32_t *fan = mni_surface_fan(&s->surface, v, &count);
     for (uint32_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++)
@@ -365,15 +572,48 @@ static bool put_off(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key)
     return true;
 }
 
-mn_code mni_simplify_stage(mni_simplifier *s, int stage) {
+/* Whether r → k costs more by now than its key says. What goes into a hub makes all that goes there
+ * dearer: a part of that is let pass, or each would wait for all the others to be put back. */
+static bool has_risen(const mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
+    mni_heap_key now = key_of(s, r, k);
+    return now > key && (!s->surface.vertex[k].hub ||
+                         mni_heap_key_cost(now) > HUB_RISE * mni_heap_key_cost(key));
+}
+
+static mn_code no_memory(const mni_simplifier *s) {
+    return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
+}
+
+/* A turn may take a hub's whole fan, so it is time that counts, not turns. */
+static bool go_on(mni_simplifier *s) {
+    double now = mni_now_s();
+    if (s->poll.go_on == NULL || now - s->polled_s < POLL_S)
+        return true;
+    s->polled_s = now;
+    return s->poll.go_on(s->poll.context);
+}
+
+static void begin(mni_simplifier *s, int stage) {
     s->stage = stage;
+    for (uint32_t i = 0; i < s->hubs.room; i++) {
+        s->hubs.hub[i].touched = s->hubs.hub[i].patience;
+        s->hubs.hub[i].called = false;
+    }
     for (uint32_t v = 0; v < s->surface.vertices; v++)
         if (s->surface.vertex[v].node != MN_NONE)
             offer(s, v);
-    for (;;) {
+}
+
+mn_code mni_simplify_stage(mni_simplifier *s, int stage) {
+    begin(s, stage);
+    for (;; s->turns++) {
         uint32_t r = mni_heap_top(&s->heap);
+        if (r == UINT32_MAX && call_hubs(s))
+            continue;
         if (r == UINT32_MAX)
-            return MN_OK;
+            return s->judge.no_memory ? no_memory(s) : MN_OK;
+        if (s->turns % POLL_EVERY == 0 && !go_on(s))
+            return mn_fail(s->st, MN_FAILED, "interrupted");
         if (s->desc.stop_triangles > 0 && s->surface.alive_triangles <= s->desc.stop_triangles) {
             s->stopped = true;
             return MN_OK;
@@ -381,7 +621,7 @@ mn_code mni_simplify_stage(mni_simplifier *s, int stage) {
         mni_heap_key key = mni_heap_key_of(&s->heap, r);
         uint32_t k = mni_heap_key_kept(key);
         look_ahead(s);
-        if (s->surface.vertex[r].stale || key_of(s, r, k) > key) {
+        if (s->surface.vertex[r].stale || has_risen(s, r, k, key)) {
             offer(s, r);
         } else if (put_off(s, r, k, key)) {
             if (s->surface.vertex[r].measured) /* its others are no cheaper: off with them all */
@@ -512,6 +752,7 @@ void mni_simplify_close(mni_simplifier *s) {
     mni_judge_close(&s->judge);
     mni_witness_close(&s->witness);
     mni_heap_close(&s->heap);
+    mni_hubs_close(&s->hubs);
     free(s->made.left);
     free(s->made.right);
     free(s->made.value);

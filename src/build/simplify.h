@@ -3,6 +3,7 @@
 #define MNI_SIMPLIFY_H
 
 #include "heap.h"
+#include "hub.h"
 #include "legal.h"
 #include "node_bounds.h"
 #include "surface.h"
@@ -82,6 +83,12 @@ typedef struct mni_part {
 
 enum { MNI_PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */
 
+/* Asked every 50 ms or so; false: the work is to stop. */
+typedef struct mni_poll {
+    bool (*go_on)(void *context); /* NULL: nobody asks */
+    void *context;
+} mni_poll;
+
 typedef struct mni_simplifier {
     const mn_mesh *mesh;
     mn_simplify_desc desc;
@@ -89,6 +96,7 @@ typedef struct mni_simplifier {
     mni_judge judge;
     mni_witness_book witness;
     mni_heap heap;
+    mni_hubs hubs;
     mni_collapses made;
     mni_part part;
     mni_node_bounds *leaf_bounds; /* the input's vertices */
@@ -96,6 +104,9 @@ typedef struct mni_simplifier {
     uint32_t legal_last;
     int stage; /* 1 … 4 */
     bool stopped;
+    mni_poll poll;
+    double polled_s;
+    uint64_t turns; /* what came to the heap's top */
     mn_status *st;
 } mni_simplifier;
 

@@ -19,6 +19,8 @@ struct mni_star_triangle {
  * then a distance to one edge is too large, never too small. */
 #define SCATTER 0x9e3779b1u
 
+enum { SPOKE_FAN_MAX = 256 }; /* a neighbour with more simplices is passed over */
+
 static inline float clamp01(float t) {
     t = t > 0 ? t : 0; /* as minps and maxps have it */
     return t < 1 ? t : 1;
@@ -197,6 +199,28 @@ bool mni_star_take_of_both(mni_star *star, mni_surface *s, uint32_t r, uint32_t 
                 else
                     add(star, s->vertex, k, c.previous, c.previous);
             }
+    return true;
+}
+
+bool mni_star_take_spoke(mni_star *star, mni_surface *s, uint32_t k, uint32_t n, uint32_t ends[2]) {
+    uint32_t count, found = 0;
+    ends[0] = ends[1] = MN_NONE;
+    if (!make_room(star, 2 * MNI_WHEEL_MAX))
+        return false;
+    if (s->vertex[n].fan.count > SPOKE_FAN_MAX)
+        return true;
+    const uint32_t *fan = mni_surface_fan(s, n, &count);
+    for (uint32_t i = 0; i < count && found < MNI_WHEEL_MAX; i++) {
+        const mni_simplex *x = &s->simplex[fan[i]];
+        if (x->v[2] == MN_NONE || (x->v[0] != k && x->v[1] != k && x->v[2] != k))
+            continue;
+        mni_corner c = mni_simplex_corner(x, k);
+        add(star, s->vertex, k, c.next, c.previous);
+        add(star, s->vertex, k, c.previous, c.previous); /* this is no closed fan */
+        if (found < 2)
+            ends[found] = c.next == n ? c.previous : c.next;
+        found++;
+    }
     return true;
 }
 

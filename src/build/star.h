@@ -36,6 +36,9 @@ void mni_star_narrow(mni_star *star);
 bool mni_star_take(mni_star *star, mni_surface *surface, uint32_t k);
 /* The same as k's will be when r has collapsed into it; both have triangles at other vertices. */
 bool mni_star_take_of_both(mni_star *star, mni_surface *surface, uint32_t r, uint32_t k);
+/* k's triangles at its neighbour n alone; ends: their other corners, MN_NONE behind the last. */
+bool mni_star_take_spoke(mni_star *star, mni_surface *surface, uint32_t k, uint32_t n,
+                         uint32_t ends[2]);
 /* Fills distance[0 … count): to the nearest place of the star, or to k where it has no triangle. */
 void mni_star_measure(const mni_star *star, mni_points *points);
 

@@ -11,6 +11,7 @@ enum { LINE_BYTES = 64, HUGE_BYTES = 2 << 20 };
 _Static_assert(sizeof(mni_vertex) == 2 * LINE_BYTES && offsetof(mni_vertex, xy) == LINE_BYTES,
                "a vertex is two lines");
 
+enum { LONG_FAN = 1024 }; /* which is not walked without need */
 enum { FAN_SLACK = 4 }; /* free places behind each list at the start: what a collapse adds to six */
 
 static mn_code no_memory(mn_status *st) {
@@ -111,6 +112,7 @@ const uint32_t *mni_surface_fan(mni_surface *s, uint32_t v, uint32_t *count) {
     mni_fan *f = &s->vertex[v].fan;
     uint32_t *list = &s->pool[f->first];
     uint32_t kept = 0;
+    s->walked += f->count > LONG_FAN ? f->count : 0;
     for (uint32_t i = 0; i < f->count; i++) {
         uint32_t x = list[i];
         list[kept] = x;
@@ -121,9 +123,25 @@ const uint32_t *mni_surface_fan(mni_surface *s, uint32_t v, uint32_t *count) {
     return list;
 }
 
+/* Whether a long list has too many alive for a wheel, by looking at a few of them here and there.
+ * False: perhaps not; then most of it is dead, and to clean it is paid for by those that died. */
+static bool seems_long(const mni_surface *s, const mni_fan *f) {
+    enum { LOOKS = 64 };
+    uint32_t alive = 0;
+    if (f->count <= LONG_FAN)
+        return false;
+    for (uint32_t i = 0; i < LOOKS && alive <= MNI_WHEEL_MAX; i++) {
+        uint32_t at = (uint32_t)((uint64_t)f->count * i / LOOKS);
+        alive += s->simplex[s->pool[f->first + at]].killed == MN_NONE;
+    }
+    return alive > MNI_WHEEL_MAX;
+}
+
 bool mni_surface_wheel(mni_surface *s, uint32_t v, mni_wheel *wheel) {
     mni_fan *f = &s->vertex[v].fan;
     if (f->count > MNI_WHEEL_MAX) {
+        if (seems_long(s, f))
+            return false;
         uint32_t count;
         mni_surface_fan(s, v, &count);
         if (count > MNI_WHEEL_MAX)
@@ -153,12 +171,31 @@ static bool holds(const mni_simplex *x, uint32_t v) {
     return x->v[0] == v || x->v[1] == v || x->v[2] == v;
 }
 
-bool mni_surface_joined(const mni_surface *s, uint32_t a, uint32_t b) {
+/* Whether an alive simplex of a's list, a long one, holds b. The dead ones that are met leave it:
+ * so none is met twice. */
+static bool long_list_holds(mni_surface *s, uint32_t a, uint32_t b) {
+    mni_fan *f = &s->vertex[a].fan;
+    uint32_t *list = &s->pool[f->first];
+    for (uint32_t i = 0; i < f->count; s->walked++) {
+        const mni_simplex *x = &s->simplex[list[i]];
+        if (x->killed != MN_NONE)
+            list[i] = list[--f->count];
+        else if (holds(x, b))
+            return true;
+        else
+            i++;
+    }
+    return false;
+}
+
+bool mni_surface_joined(mni_surface *s, uint32_t a, uint32_t b) {
     if (s->vertex[a].fan.count > s->vertex[b].fan.count) {
         uint32_t t = a;
         a = b;
         b = t;
     }
+    if (s->vertex[a].fan.count > LONG_FAN)
+        return long_list_holds(s, a, b);
     const uint32_t *list = &s->pool[s->vertex[a].fan.first];
     for (uint32_t i = 0; i < s->vertex[a].fan.count; i++) {
         const mni_simplex *x = &s->simplex[list[i]];
@@ -206,7 +243,7 @@ static bool reserve(mni_surface *s, uint32_t k, uint32_t more) {
         return true;
     mni_surface_fan(s, k, &count);
     uint32_t need = count + more;
-    if (need <= f->room)
+    if (need <= f->room - f->room / 8) /* or it would be cleaned again after a few */
         return true;
     uint32_t room = need + need / 2;
     if (s->pool_used + room > s->pool_room && !pack_pool(s, room))
@@ -260,15 +297,23 @@ static uint32_t apex_of(const mni_simplex *x, uint32_t r, uint32_t k) {
     return v[0] != r && v[0] != k ? v[0] : v[1] != r && v[1] != k ? v[1] : v[2];
 }
 
-/* Of the triangles that died with w as their apex, the first in the input. They are on w's list
- * still, as long as nobody walks it. */
-static uint32_t first_dead(const mni_surface *s, uint32_t w, uint32_t collapse) {
+/* Of the triangles that died with w as their apex, the first in the input. They are among the dead,
+ * and on w's list still, as long as nobody walks it: the shorter one is looked through. */
+static uint32_t first_dead(mni_surface *s, uint32_t r, uint32_t k, uint32_t w, uint32_t dead,
+                           uint32_t collapse) {
     const mni_fan *f = &s->vertex[w].fan;
     uint32_t first = MN_NONE;
-    for (uint32_t i = 0; i < f->count; i++) {
-        uint32_t x = s->pool[f->first + i];
-        if (s->simplex[x].killed == collapse && x < first)
-            first = x;
+    if (f->count <= dead && f->count <= LONG_FAN) {
+        for (uint32_t i = 0; i < f->count; i++) {
+            uint32_t x = s->pool[f->first + i];
+            if (s->simplex[x].killed == collapse && x < first)
+                first = x;
+        }
+    } else {
+        s->walked += dead > LONG_FAN ? dead : 0;
+        for (uint32_t i = 0; i < dead; i++)
+            if (s->dead[i] < first && apex_of(&s->simplex[s->dead[i]], r, k) == w)
+                first = s->dead[i];
     }
     MN_ASSERT(first < s->triangles);
     return first;
@@ -282,7 +327,7 @@ static bool hinge_apexes(mni_surface *s, uint32_t r, uint32_t k, uint32_t dead, 
     for (uint32_t i = 0; i < dead; i++) {
         uint32_t w = apex_of(&s->simplex[s->dead[i]], r, k);
         if (!mni_surface_joined(s, k, w))
-            s->dead[apart++] = first_dead(s, w, collapse);
+            s->dead[apart++] = first_dead(s, r, k, w, dead, collapse);
     }
     for (uint32_t i = 0; i < apart; i++) {
         uint32_t w = apex_of(&s->simplex[s->dead[i]], r, k);

@@ -62,6 +62,7 @@ typedef struct mni_vertex {
     bool stale;           /* its key in the heap is only a lower bound */
     bool tried;           /* it is not in the heap, or its key there is above the floor */
     bool measured;        /* its key in the heap is its least, with what was measured */
+    bool hub;             /* see hub.h */
 } mni_vertex;
 
 typedef struct mni_surface {
@@ -76,6 +77,7 @@ typedef struct mni_surface {
     size_t pool_used, pool_room;
     uint32_t *dead; /* scratch of one collapse: the triangles that died */
     uint32_t dead_room;
+    uint64_t walked; /* entries of long lists, a walk each: what hubs cost */
 } mni_surface;
 
 /* Leaves alone, and their triangles. */
@@ -91,7 +93,7 @@ void mni_surface_close(mni_surface *surface);
  * collapse. */
 const uint32_t *mni_surface_fan(mni_surface *surface, uint32_t v, uint32_t *count);
 /* Whether an alive simplex holds both. Walks the shorter list. */
-bool mni_surface_joined(const mni_surface *surface, uint32_t a, uint32_t b);
+bool mni_surface_joined(mni_surface *surface, uint32_t a, uint32_t b);
 
 enum { MNI_WHEEL_MAX = 16 };
 

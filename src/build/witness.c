@@ -27,6 +27,8 @@ typedef struct mni_bench {
     uint64_t mate[MNI_POINTS];      /* the nearest witness before it, as pair_key says */
     float apart2[MNI_POINTS];       /* from one witness to each */
     uint32_t neighbour[MNI_POINTS]; /* of a middle: the ring vertex that it leads to */
+    uint32_t home[MNI_POINTS];      /* of a witness, where k is a hub */
+    mni_points one;
 } mni_bench;
 
 /* Chosen by trial on armadillo and nefertiti, and the first raised since collapses are chosen by
@@ -164,6 +166,7 @@ static void drop(mni_bench *b, uint32_t gone, uint32_t heir) {
     w->z[gone] = w->z[last];
     w->distance[gone] = w->distance[last];
     b->slack[gone] = b->slack[last];
+    b->home[gone] = b->home[last];
 }
 
 /* Witness `gone` is another now: its own mate, and those of the witnesses behind it. */
@@ -326,4 +329,154 @@ void mni_witness_collapse(mni_witness_book *book, mni_surface *s, const uint32_t
     vertex[k].value = max_of(value, SAMPLE_FACTOR * largest);
     thin(b);
     keep(book, &vertex[r], &vertex[k]);
+}
+
+/* ---- a hub ---- */
+
+static inline float length2(float x, float y, float z) {
+    return x * x + y * y + z * z;
+}
+
+/* The neighbour of k to which the edge comes nearest to point i; of all, or of some here and there.
+ */
+static uint32_t nearest_spoke(mni_surface *s, const mni_points *points, uint32_t i, uint32_t k,
+                              bool of_all) {
+    enum { SOME = 256 };
+    uint32_t count = s->vertex[k].fan.count, nearest = MN_NONE;
+    const uint32_t *fan = of_all ? mni_surface_fan(s, k, &count) : &s->pool[s->vertex[k].fan.first];
+    const uint32_t looks = of_all || count < SOME ? count : SOME;
+    const float *at_k = s->vertex[k].p;
+    float px = points->x[i], py = points->y[i], pz = points->z[i], least = INFINITY;
+    for (uint32_t look = 0; look < looks; look++) {
+        const mni_simplex *x = &s->simplex[fan[(uint64_t)look * count / looks]];
+        if (x->v[2] == MN_NONE || x->killed != MN_NONE)
+            continue;
+        mni_corner c = mni_simplex_corner(x, k);
+        uint32_t n = s->vertex[c.next].hub ? c.previous : c.next;
+        const float *at_n = s->vertex[n].p;
+        float ex = at_n[0] - at_k[0], ey = at_n[1] - at_k[1], ez = at_n[2] - at_k[2];
+        float ee = length2(ex, ey, ez), along = ee > 0 ? (px * ex + py * ey + pz * ez) / ee : 0;
+        along = along < 0 ? 0 : along > 1 ? 1 : along;
+        float apart = length2(px - along * ex, py - along * ey, pz - along * ez);
+        if (apart < least) {
+            least = apart;
+            nearest = n;
+        }
+    }
+    return nearest;
+}
+
+/* From point i to k's triangles at n; INFINITY: there is none, or no memory. */
+static float measure_spoke(mni_witness_book *book, mni_surface *s, const mni_points *points,
+                           uint32_t i, uint32_t k, uint32_t n, uint32_t ends[2]) {
+    mni_bench *b = book->bench;
+    if (!mni_star_take_spoke(&b->star, s, k, n, ends)) {
+        book->no_memory = true;
+        return INFINITY;
+    }
+    if (b->star.count == 0)
+        return INFINITY;
+    b->one.count = 1;
+    b->one.x[0] = points->x[i];
+    b->one.y[0] = points->y[i];
+    b->one.z[0] = points->z[i];
+    mni_star_measure(&b->star, &b->one);
+    return b->one.distance[0];
+}
+
+/* Round k from *home on, as long as it becomes nearer. Without a home to begin with, k itself is
+ * what is known to be there. */
+static float measure_from(mni_witness_book *book, mni_surface *s, const mni_points *points,
+                          uint32_t i, uint32_t k, uint32_t *home, uint64_t *credit) {
+    enum { STEPS_MAX = 32 };
+    uint32_t ends[2], further[2];
+    float best = *home == MN_NONE ? INFINITY : measure_spoke(book, s, points, i, k, *home, ends);
+    if (best == INFINITY) {
+        bool of_all = *credit >= s->vertex[k].fan.count;
+        *credit -= of_all ? s->vertex[k].fan.count : 0;
+        *home = nearest_spoke(s, points, i, k, of_all);
+        if (*home != MN_NONE)
+            best = measure_spoke(book, s, points, i, k, *home, ends);
+    }
+    if (best == INFINITY) {
+        *home = MN_NONE;
+        return sqrtf(length2(points->x[i], points->y[i], points->z[i]));
+    }
+    for (int step = 0, nearer = 1; step < STEPS_MAX && nearer && best > 0; step++) {
+        uint32_t way[2] = {ends[0], ends[1]};
+        nearer = 0;
+        for (int e = 0; e < 2; e++) {
+            float there = way[e] == MN_NONE ? INFINITY
+                                            : measure_spoke(book, s, points, i, k, way[e], further);
+            if (there < best) {
+                best = there;
+                *home = way[e];
+                memcpy(ends, further, sizeof ends);
+                nearer = 1;
+            }
+        }
+    }
+    return best;
+}
+
+/* The ring vertex nearest to point i, as a place to begin at. */
+static uint32_t nearest_of_ring(const mni_vertex *vertex, const mni_points *points, uint32_t i,
+                                const uint32_t *ring, uint32_t ring_count, uint32_t k) {
+    uint32_t nearest = MN_NONE;
+    float least = INFINITY;
+    for (uint32_t n = 0; n < ring_count; n++) {
+        const float *p = vertex[ring[n]].p, *o = vertex[k].p;
+        float apart = length2(p[0] - o[0] - points->x[i], p[1] - o[1] - points->y[i],
+                              p[2] - o[2] - points->z[i]);
+        if (ring[n] != k && apart < least) {
+            least = apart;
+            nearest = ring[n];
+        }
+    }
+    return nearest;
+}
+
+/* The witnesses of both; those of k have homes. */
+static void measure_hub_witnesses(mni_witness_book *book, mni_surface *s, const uint32_t *ring,
+                                  uint32_t ring_count, uint32_t r, uint32_t k, mni_homes *homes) {
+    mni_bench *b = book->bench;
+    b->witness.count = 0;
+    gather(book, s->vertex, k, s->vertex[k].p);
+    uint32_t of_k = b->witness.count;
+    gather(book, s->vertex, r, s->vertex[k].p);
+    b->witnesses = b->witness.count;
+    for (uint32_t i = 0; i < b->witnesses; i++) {
+        b->home[i] =
+            i < of_k && i < MNI_WITNESSES && s->vertex[k].set != MN_NONE ? homes->at[i] : MN_NONE;
+        if (i >= of_k || b->home[i] == r)
+            b->home[i] = nearest_of_ring(s->vertex, &b->witness, i, ring, ring_count, k);
+        b->witness.distance[i] =
+            measure_from(book, s, &b->witness, i, k, &b->home[i], &homes->credit);
+    }
+}
+
+void mni_witness_collapse_hub(mni_witness_book *book, mni_surface *s, const uint32_t *ring,
+                              uint32_t ring_count, uint32_t r, uint32_t k, mni_homes *homes) {
+    enum { CREDIT = 64 };
+    mni_bench *b = book->bench;
+    mni_vertex *vertex = s->vertex;
+    book->tried_r = book->tried_k = MN_NONE;
+    homes->credit += CREDIT;
+    measure_hub_witnesses(book, s, ring, ring_count, r, k, homes);
+    float value = max_of(vertex[k].value, vertex[r].value);
+    float largest = largest_of_witnesses(b);
+    for (uint32_t next = 0; next < ring_count;) {
+        b->more.count = 0;
+        next = add_middles(b, &b->more, vertex, ring, next, ring_count, r, k);
+        for (uint32_t i = 0; i < b->more.count; i++) {
+            uint32_t home = b->neighbour[i];
+            b->more.distance[i] = measure_from(book, s, &b->more, i, k, &home, &homes->credit);
+        }
+        largest = max_of(largest, raise_neighbours(b, &b->more, 0, vertex));
+    }
+    vertex[k].value = max_of(value, SAMPLE_FACTOR * largest);
+    thin(b);
+    keep(book, &vertex[r], &vertex[k]);
+    for (uint32_t i = 0; i < b->witness.count; i++)
+        homes->at[i] = b->home[i];
 }

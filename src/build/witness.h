@@ -29,6 +29,12 @@ typedef struct mni_witnesses {
     float slack[MNI_WITNESSES]; /* below 0: there is no such witness */
 } mni_witnesses;
 
+/* Where a hub's witnesses are near (hub.h): of each, a neighbour; MN_NONE: to be looked for. */
+typedef struct mni_homes {
+    uint32_t at[MNI_WITNESSES];
+    uint64_t credit; /* simplices that may be walked to look for homes */
+} mni_homes;
+
 typedef struct mni_witness_book {
     mni_witnesses *sets;
     uint32_t sets_count, sets_room;
@@ -57,6 +63,11 @@ float mni_witness_try(mni_witness_book *book, mni_surface *surface, const uint32
  * node's switch value and raises those of the nodes around it. */
 void mni_witness_collapse(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,
                           uint32_t ring_count, uint32_t r, uint32_t k);
+/* The same where k is a hub: its star is too large to be measured against, so each point looks for
+ * its nearest triangle from the neighbour on that is its home. What is found may be farther away
+ * than what is nearest, never nearer. */
+void mni_witness_collapse_hub(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,
+                              uint32_t ring_count, uint32_t r, uint32_t k, mni_homes *homes);
 /* Nothing but haste: v's witnesses will be asked for soon. For leaves it wants to be called once
  * more, when that has arrived. */
 static inline void mni_witness_fetch(const mni_witness_book *book, const mni_surface *surface,
