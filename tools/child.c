@@ -8,6 +8,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -130,7 +131,9 @@ static void take_last_line(char *errors, child_end *end) {
 static mn_code take_end(child *c, int status, const struct rusage *usage, child_end *end,
                         mn_status *st) {
     *end = (child_end){.seconds = now_s() - c->started_s};
-    end->code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    end->code = c->late             ? CHILD_LATE
+                : WIFEXITED(status) ? WEXITSTATUS(status)
+                                    : 128 + WTERMSIG(status);
     end->cpu_seconds = (double)(usage->ru_utime.tv_sec + usage->ru_stime.tv_sec) +
                        1e-6 * (double)(usage->ru_utime.tv_usec + usage->ru_stime.tv_usec);
     size_t error_bytes;
@@ -138,7 +141,9 @@ static mn_code take_end(child *c, int status, const struct rusage *usage, child_
     char *errors = text_of(c->err_fd, &error_bytes);
     if (errors != NULL)
         take_last_line(errors, end);
-    if (WIFSIGNALED(status))
+    if (c->late)
+        snprintf(end->says, sizeof end->says, "took more than %.0f s", c->limit_s);
+    else if (WIFSIGNALED(status))
         snprintf(end->says, sizeof end->says, "killed by SIG%s", sigabbrev_np(WTERMSIG(status)));
     else if (end->says[0] == 0 && end->code != 0)
         snprintf(end->says, sizeof end->says, "exit %d", end->code);
@@ -151,6 +156,26 @@ static void interrupt_all(const child *children, int count) {
     for (int i = 0; i < count; i++)
         if (children[i].pid > 0)
             kill(children[i].pid, SIGINT);
+}
+
+/* Kills those that are late. Returns for how long the others may run, or NULL: for ever. */
+static struct timespec *until_late(child *children, int count, struct timespec *left) {
+    const double now = now_s();
+    double least = INFINITY;
+    for (int i = 0; i < count; i++) {
+        child *c = &children[i];
+        if (c->pid <= 0 || c->limit_s <= 0 || c->late)
+            continue;
+        const double s = c->started_s + c->limit_s - now;
+        c->late = s <= 0;
+        if (c->late)
+            kill(c->pid, SIGKILL);
+        else
+            least = fmin(least, s);
+    }
+    left->tv_sec = (time_t)fmin(least, 1e9);
+    left->tv_nsec = (long)(1e9 * (fmin(least, 1e9) - (double)left->tv_sec));
+    return isfinite(least) ? left : NULL;
 }
 
 mn_code child_wait(child *children, int count, int *which, child_end *end, mn_status *st) {
@@ -166,7 +191,8 @@ mn_code child_wait(child *children, int count, int *which, child_end *end, mn_st
         polls[i] =
             (struct pollfd){.fd = children[i].pid > 0 ? children[i].pid_fd : -1, .events = POLLIN};
     for (;;) {
-        const int ready = ppoll(polls, (nfds_t)count, NULL, &open);
+        struct timespec left;
+        const int ready = ppoll(polls, (nfds_t)count, until_late(children, count, &left), &open);
         if (ready < 0 && errno != EINTR)
             return mn_fail(st, MN_FAILED, "cannot wait: %s", strerror(errno));
         if (cli_interrupted() != 0 && !passed_on) {

@@ -11,14 +11,17 @@
 
 #include "metanode/status.h"
 
+enum { CHILD_LATE = 124 };
+
 typedef struct child {
     pid_t pid; /* 0: none */
     int pid_fd, out_fd, err_fd;
-    double started_s;
+    double started_s, limit_s; /* limit_s 0: none */
+    bool late;                 /* past its limit, and killed */
 } child;
 
 typedef struct child_end {
-    int code;           /* its exit code; 128 + signal: killed by it */
+    int code;           /* its exit code; 128 + signal: killed by it; CHILD_LATE */
     double seconds;     /* from start to end, by the clock */
     double cpu_seconds; /* of the processor, what it has waited for included */
     char *out;          /* what it printed on standard output, out_bytes and a 0 */
@@ -30,7 +33,8 @@ typedef struct child_end {
  * and a sleep. After cli_interrupts_catch. */
 void child_signals_hold(void);
 /* argv[0] is the program, looked for in PATH; NULL there: this program. own_errors: its standard
- * error is caught too, not ours. It is ended when we are. */
+ * error is caught too, not ours. It is ended when we are. c->limit_s may then be set: seconds after
+ * which child_wait kills it. */
 mn_code child_start(child *c, const char *const *argv, bool own_errors, mn_status *st);
 /* Sleeps until one of those that run has ended. An interrupt is passed on to all of them, once;
  * they are waited for nevertheless. */

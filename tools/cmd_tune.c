@@ -8,13 +8,26 @@
 #include "cli.h"
 #include "tune.h"
 
+/* Before a build that may take long. */
+static void say_begin(const tune *t) {
+    const tune_options *o = &t->o;
+    uint32_t layouts = 0;
+    for (uint32_t i = 0; i < o->policies; i++)
+        layouts += o->policy[i] == MN_BLOCKING_LEVELS ? o->levels_count : o->block_bytes_count;
+    const uint32_t settings = layouts * o->caps * o->places_count * (o->cross ? o->prefetches : 1);
+    if (o->json)
+        return;
+    printf("%s: %u layouts, %u settings, %u paths: %u cells, each up to %g s\n", o->in, layouts,
+           settings, o->paths, (settings + 1) * o->paths, (double)o->limit_s);
+    fflush(stdout);
+}
+
 static void say_plan(const tune *t) {
     const size_t missing = tune_missing(t);
     const double seconds = tune_seconds_needed(t);
     if (t->o.json)
         return;
-    printf("%s: %u layouts, %zu cells, %zu of them known; about %.0f s", t->o.in, t->layouts,
-           t->cells, t->cells - missing, seconds);
+    printf("%zu cells, %zu of them known; about %.0f s", t->cells, t->cells - missing, seconds);
     printf("%s\n", t->o.cross || t->o.prefetches == 1
                        ? ""
                        : ", then the other prefetch rules at the best setting");
@@ -78,8 +91,10 @@ static mn_code tell(const tune *t, const tune_findings *f, mn_status *st) {
 static mn_code run(tune *t, mn_status *st) {
     tune_findings f = {0};
     mn_code code = tune_folder_open(t, st);
-    if (code == MN_OK)
+    if (code == MN_OK) {
+        say_begin(t);
         code = tune_build(t, st);
+    }
     if (code == MN_OK)
         code = sweep(t, &f, st);
     if (code == MN_OK)

@@ -40,9 +40,9 @@ typedef struct tune_places {
 } tune_places;
 
 typedef struct tune_path {
-    const char *name;        /* as replay takes it */
+    char name[PATH_MAX];     /* as replay takes it */
     char key[TUNE_NAME_MAX]; /* its name in the results: a file's has a hash of what stands in it */
-    const char *label;       /* its name for readers */
+    const char *label;       /* its name for readers: the end of that */
     uint32_t frames;         /* 0: until the first layout is there */
 } tune_path;
 
@@ -76,8 +76,9 @@ typedef struct tune_options {
     bool cross; /* every prefetch rule everywhere, not at the best setting alone */
     uint32_t frames;
     bool frames_given;
-    const char *fps, *size, *tolerance, *degrade; /* handed on as they are */
+    const char *fps, *size, *tolerance, *degrade, *open; /* handed on as they are */
     double seconds_a_frame;
+    uint64_t limit_s;               /* that one replay may take */
     uint64_t build_ram_bytes, jobs; /* 0: as build has it; as many as processors */
     tune_want want;
     bool fresh, json;

@@ -47,7 +47,7 @@ static mn_code make_tree(tune *t, mn_status *st) {
         words[n++] = "-j";
         words[n++] = jobs;
     }
-    if (exists(work))
+    if (exists(work) && !t->o.fresh)
         words[n++] = "--resume";
     mn_code code = child_start(&run, words, false, st);
     if (code == MN_OK)

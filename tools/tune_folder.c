@@ -21,6 +21,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include "child.h"
 #include "cli.h"
 #include "host.h"
 #include "tune.h"
@@ -73,15 +74,15 @@ static void find_machine(char *name, size_t room) {
 }
 
 static mn_code name_paths(tune *t, mn_status *st) {
+    static const char *const standard[] = {"orbit", "dive", "flyover", NULL};
     for (uint32_t i = 0; i < t->o.paths; i++) {
         tune_path *p = &t->o.path[i];
         uint64_t hash = 0, bytes = 0;
-        const bool standard = strcmp(p->name, "orbit") == 0 || strcmp(p->name, "dive") == 0 ||
-                              strcmp(p->name, "flyover") == 0;
-        if (!standard && hash_file(p->name, &hash, &bytes, st) != MN_OK)
+        const int known = cli_choice(p->name, standard);
+        if (known < 0 && hash_file(p->name, &hash, &bytes, st) != MN_OK)
             return MN_BAD_INPUT;
-        if (standard)
-            snprintf(p->key, sizeof p->key, "%s", p->name);
+        if (known >= 0)
+            snprintf(p->key, sizeof p->key, "%s", standard[known]);
         else
             snprintf(p->key, sizeof p->key, "%.40s@%016llx", p->label, (unsigned long long)hash);
     }
@@ -102,9 +103,9 @@ static mn_code write_stamp(tune *t, char *text, size_t room, mn_status *st) {
     const int length = snprintf(
         text, room,
         "%sprogram %s\nmachine %s\ninput %016llx, %llu bytes\nflown at %s frames a second, %s, "
-        "tolerance %s, degrading %s\n",
+        "tolerance %s, degrading %s, open %s\n",
         first_line, t->program, t->machine, (unsigned long long)hash, (unsigned long long)bytes,
-        o->fps, o->size, o->tolerance, o->degrade);
+        o->fps, o->size, o->tolerance, o->degrade, o->open);
     if (code == MN_OK && (length < 0 || (size_t)length >= room))
         code = mn_fail(st, MN_USAGE, "options too long");
     return code;
@@ -318,11 +319,17 @@ static mn_code append(tune *t, const char *line, mn_status *st) {
                    t->o.folder, errno != 0 ? strerror(errno) : "the disk is full");
 }
 
-/* The cell that a line is of. Those that did not fit memory are as they were; what else has failed
- * is tried again. */
+/* What did not fit memory would not now, nor be done in less time; what else has failed is tried
+ * again. */
+static bool stands(const tune *t, const tune_cell *read) {
+    return read->code == MN_OK || read->code == MN_CAP_TOO_SMALL ||
+           (read->code == CHILD_LATE && read->figure[TUNE_SECONDS] >= (double)t->o.limit_s);
+}
+
+/* The cell that a line is of. */
 static void take_line(tune *t, const char *line, const tune_cell *read) {
     char key[TUNE_NAME_MAX * 4];
-    if (read->code != MN_OK && read->code != MN_CAP_TOO_SMALL)
+    if (!stands(t, read))
         return;
     for (size_t i = 0; i < t->cells; i++) {
         tune_cell *c = &t->cell[i];

@@ -12,7 +12,7 @@
 #define DEFAULT_PLACES "1/1,1/2,1/4,1/8,min"
 #define DEFAULT_PATH "orbit,dive"
 #define DEFAULT_PREFETCH "ahead,neighbours,off"
-enum { DEFAULT_FRAMES = 100, WORD_MAX = 32 };
+enum { DEFAULT_FRAMES = 100, DEFAULT_LIMIT_S = 120 };
 
 static const char help[] =
     "usage: metanode tune IN -o DIR [OPTION …]\n\n"
@@ -39,7 +39,10 @@ static const char help[] =
     "  --cross               every prefetch rule everywhere\n"
     "how it is flown\n"
     "  --frames N            of a path; default 100, of a path file those that it has\n"
-    "  --fps F, --size WxH, --tolerance PX, --degrade on|off   as of replay, but degrading is off\n"
+    "  --fps F, --size WxH, --tolerance PX, --degrade on|off, --open O   as of replay, but "
+    "degrading\n"
+    "                        is off, and frames begin settled\n"
+    "  --limit S             seconds that one replay may take (120), or it has failed\n"
     "what is best\n"
     "  --p99-ms MS           Navigate takes at most so long in 99 % of the frames\n"
     "  --error-px PX         error on the screen in 95 % of the frames\n"
@@ -57,6 +60,7 @@ static const char help[] =
 static const char *const policies[] = {"packed", "levels", NULL};             /* by mn_blocking */
 static const char *const prefetches[] = {"ahead", "neighbours", "off", NULL}; /* by mn_prefetch */
 static const char *const objectives[] = {"error", "misses", "p99", "ram", NULL};
+static const char *const opens[] = {"settled", "roots", NULL};
 static const char *const clocks[] = {"wall", "cpu", NULL};
 
 const char *tune_prefetch_name(mn_prefetch prefetch) {
@@ -173,16 +177,13 @@ static bool take_prefetch(void *context, const char *word) {
     return found >= 0;
 }
 
-/* Names stay for as long as the program. */
 static bool take_path(void *context, const char *word) {
     tune_options *o = context;
     for (uint32_t i = 0; i < o->paths; i++)
         if (strcmp(o->path[i].name, word) == 0)
             return false;
     tune_path *p = &o->path[o->paths++];
-    p->name = strdup(word);
-    if (p->name == NULL)
-        return false;
+    snprintf(p->name, sizeof p->name, "%s", word); /* tune_list's words are no longer */
     const char *slash = strrchr(p->name, '/');
     p->label = slash != NULL ? slash + 1 : p->name;
     return strpbrk(p->label, "\"\n") == NULL;
@@ -195,7 +196,7 @@ typedef struct words {
     const char *policy, *levels, *block_bytes, *places, *caps, *path, *prefetch;
     const char *p99, *error, *misses, *ram;
     uint64_t frames;
-    int frames_given, objective, clock;
+    int frames_given, objective, clock, open;
 } words;
 
 static mn_code read_lists(tune_options *o, const words *w) {
@@ -290,6 +291,7 @@ mn_code tune_options_read(tune_options *o, int argc, char **argv, bool *done) {
                .path = DEFAULT_PATH,
                .prefetch = DEFAULT_PREFETCH,
                .frames = DEFAULT_FRAMES};
+    o->limit_s = DEFAULT_LIMIT_S;
     const cli_flag flags[] = {
         CLI_OUTPUT(&o->folder),
         CLI_TEXT("policy", &w.policy),
@@ -311,6 +313,8 @@ mn_code tune_options_read(tune_options *o, int argc, char **argv, bool *done) {
         CLI_TEXT("size", &o->size),
         CLI_TEXT("tolerance", &o->tolerance),
         CLI_TEXT("degrade", &o->degrade),
+        CLI_CHOICE("open", &w.open, opens, "settled or roots"),
+        CLI_WHOLE("limit", &o->limit_s, 1, 1000000, "in 1 … 1000000"),
         CLI_TEXT("p99-ms", &w.p99),
         CLI_TEXT("error-px", &w.error),
         CLI_TEXT("miss-rate", &w.misses),
@@ -336,6 +340,7 @@ mn_code tune_options_read(tune_options *o, int argc, char **argv, bool *done) {
         w.places = DEFAULT_PLACES;
     o->frames = (uint32_t)w.frames;
     o->frames_given = w.frames_given > 0;
+    o->open = opens[w.open];
     code = check_file(o, argc, argv);
     if (code == MN_OK)
         code = read_lists(o, &w);

@@ -203,7 +203,7 @@ static mn_code measure(tune *t, tune_cell *c, mn_status *st) {
                                     "--size",      t->o.size,
                                     "--degrade",   t->o.degrade,
                                     "--tolerance", t->o.tolerance,
-                                    "--open",      "settled",
+                                    "--open",      t->o.open,
                                     "--paced",     "--json",
                                     "--store",     c->resident ? "resident" : "paged",
                                     "--prefetch",  tune_prefetch_name(c->prefetch)};
@@ -223,6 +223,7 @@ static mn_code measure(tune *t, tune_cell *c, mn_status *st) {
     child_end end;
     const double busy = busy_s();
     mn_code code = child_start(&run, words, true, st);
+    run.limit_s = (double)t->o.limit_s;
     if (code == MN_OK)
         code = child_wait(&run, 1, &which, &end, st);
     if (code != MN_OK)

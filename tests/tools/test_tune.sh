@@ -4,13 +4,14 @@
 source "$(dirname "$0")/e2e_lib.sh"
 
 dir=$scratch/t
+tools=/nowhere # without gnuplot sweeps are over sooner
 results=$dir/results.csv
 expect 0 make make sphere --triangles 6000 -o "$scratch/s.ply"
 
 tune() { # code name option…: a sweep of four settings and what everything in memory would give
     local want=$1 name=$2
     shift 2
-    expect "$want" "$name" tune "$scratch/s.ply" -o "$dir" --levels 4 --block-bytes 4K --k 1/2,min \
+    PATH=$tools expect "$want" "$name" tune "$scratch/s.ply" -o "$dir" --levels 4 --block-bytes 4K --k 1/2,min \
         --path orbit --prefetch ahead --frames 6 --fps 0 "$@"
 }
 cells() { grep -cv '^layout,' "$results" || true; }
@@ -64,7 +65,7 @@ kinds() {
     local csv=$scratch/k/results.csv
     printf 'metanode path 1\n0 0 3 0 0 0 0 1 0\n0 0 2 0 0 0 0 1 0\n' >"$scratch/two.path"
     expect 0 simplify simplify "$scratch/s.ply" -o "$scratch/s.vdt"
-    expect 0 kinds tune "$scratch/s.vdt" -o "$scratch/k" --policy packed --block-bytes 4K --k 2,min --fps 0 \
+    PATH=$tools expect 0 kinds tune "$scratch/s.vdt" -o "$scratch/k" --policy packed --block-bytes 4K --k 2,min --fps 0 \
         --path "$scratch/two.path" --frames 4 --cross --error-px 0.001
     check "kinds: too small, and why" grep -q '^packed-4K,0,2,two.path@[0-9a-f]*:4,ahead,[1-9][0-9]*,"[^"]*place holders' "$csv"
     check "kinds: in the table too" grep -q 'packed-4K .* 2 .*needs at least' "$out"
@@ -72,7 +73,10 @@ kinds() {
         'ahead neighbours off prefetch resident '
     check "kinds: nothing is best" grep -q 'no setting keeps to that' "$out"
     check "kinds: the tree is left where it is" test ! -e "$scratch/k/tree.vdt"
-    expect 0 caps tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 8M,1M --fps 0 \
+    PATH=$tools expect 0 late tune "$scratch/s.vdt" -o "$scratch/k" --policy packed --block-bytes 4K --k min --fps 0 \
+        --path orbit --frames 1000000 --prefetch ahead --limit 1
+    check "late: why" grep -q '^packed-4K .* min .*took more than 1 s' "$out"
+    PATH=$tools expect 0 caps tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 8M,1M --fps 0 \
         --path orbit --frames 4 --prefetch ahead --p99-ms 1000 --minimize ram
     check "caps: too small, and what would do" grep -q '1M .* would work' "$out"
     check "caps: the other is best" grep -q 'packed-4K, K [0-9]* (cap) under 8 MB' "$out"
@@ -80,7 +84,9 @@ kinds() {
 
 page() {
     local page=$dir/report.html
+    tools=$PATH
     tune 0 page
+    tools=/nowhere
     check "page: whole" grep -q '</html>' "$page"
     check "page: the command" grep -q 'metanode tune.*--k 1/2,min' "$page"
     check "page: nothing from elsewhere" test "$(grep -cE '(src|href)="?https?:' "$page")" -eq 0
@@ -106,7 +112,7 @@ page() {
 interrupt() {
     local d=$scratch/i code=0
     local sweep=(tune "$scratch/s.ply" -o "$d" --policy packed --block-bytes 4K,8K --k 1/2,min --path orbit
-        --prefetch ahead --frames 40)
+        --prefetch ahead --frames 25)
     set -m # or it would be deaf to SIGINT
     "$metanode" "${sweep[@]}" >"$out" 2>"$err" </dev/null &
     set +m
@@ -125,7 +131,7 @@ interrupt() {
     check "interrupt: no replay is left" test -z "$(pgrep -f "replay $d/" || true)"
     check "interrupt: whole lines" test -z "$(tail -c 1 "$d/results.csv")"
     cp "$d/results.csv" "$scratch/i.csv"
-    expect 0 "goes on" "${sweep[@]}"
+    PATH=$tools expect 0 "goes on" "${sweep[@]}"
     check "goes on: what was measured stands" cmp "$scratch/i.csv" <(head -n "$(wc -l <"$scratch/i.csv")" "$d/results.csv")
     check "goes on: the rest as well" test "$(grep -c ',0,"",' "$d/results.csv")" -eq 5
 }
@@ -134,7 +140,7 @@ interrupt() {
 usage() {
     local -A wrong=([levels]=17 [block-bytes]=5K [k]=1/0 [caps]=0 [policy]=both [path]=, [prefetch]=on
         [frames]=0 [fps]=-1 [size]=big [tolerance]=0 [degrade]=yes [p99-ms]=-1 [error-px]=x [miss-rate]=2
-        [ram]=none [minimize]=all [clock]=sun)
+        [limit]=0 [open]=shut [ram]=none [minimize]=all [clock]=sun)
     for option in "${!wrong[@]}"; do
         expect 2 "--$option" tune "$scratch/s.ply" -o "$scratch/u" "--$option" "${wrong[$option]}"
         one_line "--$option" "--$option" "'${wrong[$option]}'"
