@@ -43,7 +43,8 @@ _Static_assert(1 << BITS_MIN == MNI_HISTORY_GROUP, "groups are parts of buckets"
 static bool plan_memory(mni_order_plan *p, uint64_t leaves, uint64_t work, uint32_t chunk_least) {
     const uint64_t node = 48 /* a collapse in step 1 */,
                    row = sizeof(mni_row) + 4 /* its leaf's id */;
-    const uint64_t fixed = 3 * MNI_ORDER_BUFFER_BYTES /* readers, a writer */ + 8 * ALIGN + 4096;
+    const uint64_t fixed = 3 * MNI_ORDER_BUFFER_BYTES /* readers, a writer */ +
+                           MNI_ORDER_PLACES_BYTES + 8 * ALIGN + 4096;
     *p = (mni_order_plan){.bits = BITS_MIN};
     while (p->bits < BITS_MAX && (UINT64_C(2) << p->bits) * row <= work / 4 &&
            (UINT64_C(1) << p->bits) < leaves)
@@ -90,13 +91,13 @@ uint64_t mni_order_work_min(uint64_t vertices) {
 
 static void close_work(mni_order_work *w) {
     mni_buckets *dealt[] = {&w->row, &w->simplex, &w->ordered};
-    mni_spill *spill[] = {&w->leaf_of, &w->counts};
+    mni_spill *spill[] = {&w->leaf_of, &w->counts, &w->places};
     for (int i = 0; i < 3; i++) {
         w->out->bytes_read += dealt[i]->spill.bytes_read;
         w->out->bytes_written += dealt[i]->spill.bytes_written;
         mni_buckets_close(dealt[i]);
     }
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < 3; i++) {
         w->out->bytes_read += spill[i]->bytes_read;
         w->out->bytes_written += spill[i]->bytes_written;
         mni_spill_close(spill[i]);
@@ -111,6 +112,8 @@ static mn_code open_work(mni_order_work *w) {
         code = mni_spill_open(&w->leaf_of, w->desc->temp_dir, w->st);
     if (code == MN_OK)
         code = mni_spill_open(&w->counts, w->desc->temp_dir, w->st);
+    if (code == MN_OK)
+        code = mni_spill_open(&w->places, w->desc->temp_dir, w->st);
     if (code != MN_OK)
         return code;
     mni_buckets_open(&w->row, p->buckets, p->chunk_bytes, &w->arena, w->desc->temp_dir);
@@ -126,6 +129,7 @@ mn_code mni_order(mni_history *history, mni_extmesh *mesh, const mni_order_desc 
                         .desc = desc,
                         .leaf_of = {.fd = -1},
                         .counts = {.fd = -1},
+                        .places = {.fd = -1},
                         .out = out,
                         .st = st};
     uint64_t vertices = mesh->vertices, work = desc->work_bytes;

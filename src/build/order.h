@@ -1,4 +1,4 @@
-/* From what rounds have made to a tree on disk: the rows and simplices of a .vdt.
+/* From what rounds have made to a tree on disk: its rows and simplices.
  *
  * One call; it reads a history backwards once and the mesh's vertices about once, and blocks on
  * temporary files. What comes out depends on the history alone. Memory: work_bytes, whatever the
@@ -17,11 +17,9 @@ typedef struct mni_order_desc {
     const mn_watch *watch;
 } mni_order_desc;
 
-/* The rows, then the simplices, MNI_ORDER_AT into a file that a .vdt's header fits before. */
-enum { MNI_ORDER_AT = 288 };
 typedef struct mni_ordered {
-    mni_spill file;
-    uint64_t sum[MNI_SECTIONS];
+    mni_spill file;                     /* packed (rowpack.h), from its beginning */
+    uint64_t sum[MNI_SECTIONS];         /* of what was packed */
     uint64_t bytes_read, bytes_written; /* of all files, on the way */
 } mni_ordered;
 

@@ -27,6 +27,7 @@ typedef struct mni_order_work {
     mni_arena arena;                   /* of the buckets */
     mni_buckets row, simplex, ordered; /* by row */
     mni_spill leaf_of, counts;         /* a leaf's number by id; simplices of rows, a byte each */
+    mni_spill places;                  /* of pages in the file, a u64 each */
     mni_ordered *out;
     mn_status *st;
 } mni_order_work;
@@ -39,7 +40,11 @@ typedef struct mni_order_work {
  *   simplices
  *
  * A simplex: 16 bits of its row, which of the row's it is, ids as in history.c. */
-enum { MNI_ORDER_FACTS_BYTES = 7, MNI_ORDER_BUFFER_BYTES = 64 << 10 };
+enum {
+    MNI_ORDER_FACTS_BYTES = 7,
+    MNI_ORDER_BUFFER_BYTES = 64 << 10,
+    MNI_ORDER_PLACES_BYTES = 4096
+};
 
 /* Step 1: the history backwards, collapses dealt as rows. */
 mn_code mni_order_nodes(mni_order_work *w);

@@ -13,7 +13,7 @@
 
 #include "assert.h"
 #include "order_parts.h"
-#include "rows.h"
+#include "rowpack.h"
 #include "unit.h"
 #include "varint.h"
 
@@ -25,7 +25,10 @@ typedef struct rows {
     mni_row *row; /* of a bucket; step 3: room for its simplices */
     uint32_t *id; /* of its leaves; step 3: where each row's simplices begin */
     void *room;   /* a chunk */
-    mni_spill_writer file, counts;
+    mni_spill_writer file, counts, places;
+    uint64_t file_bytes; /* put so far */
+    mni_row_simplex page[MNI_SIMPLICES_PAGE];
+    uint32_t in_page;
     XXH3_state_t sum;
     uint32_t first, count, simplices;
 } rows;
@@ -41,9 +44,56 @@ static uint32_t take_at(const unsigned char **at) {
     return row;
 }
 
-static void put_out(rows *r, const void *bytes, size_t count) {
-    XXH3_64bits_update(&r->sum, bytes, count);
-    mni_spill_put(&r->file, bytes, count);
+/* ---- the file -------------------------------------------------------------------------------- */
+
+static void put_page(rows *r, const unsigned char *packed, size_t bytes) {
+    mni_spill_put(&r->places, &r->file_bytes, sizeof r->file_bytes);
+    mni_spill_put(&r->file, packed, bytes);
+    r->file_bytes += bytes;
+}
+
+/* The bucket's. */
+static void put_rows(rows *r) {
+    unsigned char packed[MNI_PAGE_PACKED_MAX];
+    XXH3_64bits_update(&r->sum, r->row, r->count * sizeof *r->row);
+    for (uint32_t i = 0; i < r->count; i += MNI_ROWS_PAGE) {
+        const uint32_t count = r->count - i < MNI_ROWS_PAGE ? r->count - i : MNI_ROWS_PAGE;
+        put_page(r, packed,
+                 mni_rows_pack(packed, r->row + i, r->first + i, count, r->w->mesh->grid_step));
+    }
+}
+
+static void put_simplex_page(rows *r) {
+    unsigned char packed[MNI_PAGE_PACKED_MAX];
+    if (r->in_page > 0)
+        put_page(r, packed, mni_simplices_pack(packed, r->page, r->in_page));
+    r->in_page = 0;
+}
+
+static void put_simplices(rows *r, const mni_row_simplex *simplex, uint32_t count) {
+    XXH3_64bits_update(&r->sum, simplex, count * sizeof *simplex);
+    for (uint32_t i = 0; i < count; i++) {
+        r->page[r->in_page++] = simplex[i];
+        if (r->in_page == MNI_SIMPLICES_PAGE)
+            put_simplex_page(r);
+    }
+}
+
+/* Where pages begin, behind them. */
+static mn_code put_places(rows *r, void *buffer) {
+    mni_order_work *w = r->w;
+    mni_spill_reader from;
+    const uint64_t *place;
+    mni_spill_put(&r->places, &r->file_bytes, sizeof r->file_bytes);
+    if (mni_spill_end(&r->places) != MN_OK)
+        return trouble(&w->places, w->st);
+    mni_spill_reader_open(&from, &w->places, 0, w->places.size_bytes, buffer,
+                          MNI_ORDER_BUFFER_BYTES, true);
+    while ((place = mni_spill_take(&from, sizeof *place)) != NULL)
+        mni_spill_put(&r->file, place, sizeof *place);
+    if (mni_spill_end(&r->file) != MN_OK)
+        return trouble(&w->out->file, w->st);
+    return w->places.trouble.code != MN_OK ? trouble(&w->places, w->st) : MN_OK;
 }
 
 /* ---- step 2: rows --------------------------------------------------------------------------- */
@@ -136,7 +186,7 @@ static mn_code give_rows(rows *r) {
         code = place_leaf(r, i);
     }
     if (code == MN_OK)
-        put_out(r, r->row, r->count * sizeof *r->row);
+        put_rows(r);
     return code;
 }
 
@@ -188,7 +238,7 @@ static mn_code give_window(rows *r, uint32_t bucket, uint32_t window, uint32_t c
     } while (mni_bucket_more(&from, &w->simplex));
     if (w->simplex.spill.trouble.code != MN_OK)
         return trouble(&w->simplex.spill, w->st);
-    put_out(r, r->row, count * sizeof(mni_row_simplex));
+    put_simplices(r, (const mni_row_simplex *)r->row, count);
     return MN_OK;
 }
 
@@ -245,6 +295,9 @@ static void open_rows(rows *r, mni_arena *arena, void *buffer[3]) {
                    p->leaves_bytes);
     mni_spill_writer_open(&r->file, &w->out->file, buffer[0], MNI_ORDER_BUFFER_BYTES);
     mni_spill_writer_open(&r->counts, &w->counts, buffer[1], MNI_ORDER_BUFFER_BYTES);
+    mni_spill_writer_open(&r->places, &w->places,
+                          mni_arena_take(arena, MNI_ORDER_PLACES_BYTES, 1, ALIGN),
+                          MNI_ORDER_PLACES_BYTES);
 }
 
 static mn_code all_rows(rows *r) {
@@ -279,12 +332,12 @@ static mn_code all_simplices(rows *r, void *buffer) {
         if (code == MN_OK)
             code = mni_order_tell(w, 2 * w->mesh->vertices + r->first);
     }
+    put_simplex_page(r);
     w->out->sum[MNI_SIMPLICES] = XXH3_64bits_digest(&r->sum);
     return code;
 }
 
 mn_code mni_order_rows(mni_order_work *w) {
-    static const unsigned char header[MNI_ORDER_AT];
     mni_arena arena;
     void *buffer[3];
     rows r = {.w = w};
@@ -292,12 +345,11 @@ mn_code mni_order_rows(mni_order_work *w) {
     if (code != MN_OK)
         return code;
     open_rows(&r, &arena, buffer);
-    mni_spill_put(&r.file, header, sizeof header);
     code = all_rows(&r);
     if (code == MN_OK)
         code = all_simplices(&r, buffer[2]);
-    if (code == MN_OK && mni_spill_end(&r.file) != MN_OK)
-        code = trouble(&w->out->file, w->st);
+    if (code == MN_OK)
+        code = put_places(&r, buffer[2]);
     mni_arena_close(&arena);
     return code;
 }

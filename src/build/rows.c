@@ -1,9 +1,9 @@
 /* Rows of a tree, in memory or through a cache of pages.
  *
- * Hides: pages. A page is ROWS_PAGE rows or SIMPLICES_PAGE simplices, so that none lies across two;
- * both kinds share the slots, and a clock gives up the first page that has not been asked for since
- * it last came by. Pages are small: what is read of the upper parts of a tree lies far apart, a row
- * here and there.
+ * Hides: pages. A page is so many rows or simplices, so that none lies across two; or so many
+ * places of packed ones. All kinds share the slots, and a clock gives up the first page that has
+ * not been asked for since it last came by. Pages are small: what is read of the upper parts of a
+ * tree lies far apart, a row here and there.
  *
  *     slot   0   1   2   3  …            bucket of a page ──► slot ──► slot (mni_rows_slot.next)
  *           └ recent? keep it once more ─┘ hand ──►
@@ -18,17 +18,17 @@
 #include <unistd.h>
 
 #include "assert.h"
+#include "rowpack.h"
 
 enum {
-    ROWS_PAGE = 64,
-    SIMPLICES_PAGE = 256,
-    PAGE_BYTES = ROWS_PAGE * sizeof(mni_row), /* a slot's */
+    PAGE_BYTES = MNI_ROWS_PAGE * sizeof(mni_row), /* a slot's */
+    PLACES_PAGE = PAGE_BYTES / sizeof(uint64_t),
     SLOTS_LEAST = 16,
     SLOTS_MOST = 1 << 24,
 };
-_Static_assert(SIMPLICES_PAGE * sizeof(mni_row_simplex) <= PAGE_BYTES, "either kind fits a slot");
+_Static_assert(MNI_SIMPLICES_PAGE * sizeof(mni_row_simplex) <= PAGE_BYTES, "all fit a slot");
 
-typedef enum page_kind { PAGE_OF_ROWS = 0, PAGE_OF_SIMPLICES } page_kind;
+typedef enum page_kind { PAGE_OF_ROWS = 0, PAGE_OF_SIMPLICES, PAGE_OF_PLACES } page_kind;
 
 /* ---- open and close ------------------------------------------------------------------------- */
 
@@ -39,7 +39,8 @@ mn_code mni_rows_open(mni_rows *rows, const mni_rows_source *source, uint64_t ca
         return MN_OK;
     /* a bucket a slot, or up to two */
     uint64_t slots = cache_bytes / (PAGE_BYTES + sizeof *rows->slot + 2 * sizeof *rows->bucket);
-    uint64_t pages = (uint64_t)source->rows / ROWS_PAGE + source->simplices / SIMPLICES_PAGE + 2;
+    uint64_t pages = mni_rows_pages(source->rows) + mni_simplices_pages(source->simplices);
+    pages += pages / PLACES_PAGE + 1;
     slots = slots > pages ? pages : slots;
     slots = slots < SLOTS_LEAST ? SLOTS_LEAST : slots > SLOTS_MOST ? SLOTS_MOST : slots;
     rows->slots = (uint32_t)slots;
@@ -79,17 +80,10 @@ mn_code mni_rows_trouble(mni_rows *rows, mn_status *st) {
 
 /* ---- pages: under the lock ------------------------------------------------------------------- */
 
-static bool read_page(mni_rows *rows, page_kind kind, uint32_t page, unsigned char *to) {
+static bool read_bytes(mni_rows *rows, uint64_t offset, unsigned char *to, size_t wanted) {
     const mni_rows_source *s = &rows->source;
-    bool of_rows = kind == PAGE_OF_ROWS;
-    uint64_t each = of_rows ? ROWS_PAGE : SIMPLICES_PAGE, all = of_rows ? s->rows : s->simplices;
-    size_t size = of_rows ? sizeof(mni_row) : sizeof(mni_row_simplex);
-    uint64_t first = page * each, count = all - first < each ? all - first : each;
-    uint64_t offset = (of_rows ? s->row_offset : s->simplex_offset) + first * size;
-    size_t wanted = (size_t)count * size;
-    MN_ASSERT(first < all);
     while (wanted > 0) {
-        ssize_t got = pread(of_rows ? s->row_fd : s->simplex_fd, to, wanted, (off_t)offset);
+        ssize_t got = pread(s->fd, to, wanted, (off_t)offset);
         if (got < 0 && errno == EINTR)
             continue;
         if (got <= 0) {
@@ -103,6 +97,56 @@ static bool read_page(mni_rows *rows, page_kind kind, uint32_t page, unsigned ch
         wanted -= (size_t)got;
         rows->bytes_read += (uint64_t)got;
     }
+    return true;
+}
+
+static uint32_t items_of_page(page_kind kind) {
+    return kind == PAGE_OF_ROWS        ? MNI_ROWS_PAGE
+           : kind == PAGE_OF_SIMPLICES ? MNI_SIMPLICES_PAGE
+                                       : PLACES_PAGE;
+}
+
+static size_t bytes_of_item(page_kind kind) {
+    return kind == PAGE_OF_ROWS        ? sizeof(mni_row)
+           : kind == PAGE_OF_SIMPLICES ? sizeof(mni_row_simplex)
+                                       : sizeof(uint64_t);
+}
+
+static uint64_t items_of(const mni_rows_source *s, page_kind kind) {
+    return kind == PAGE_OF_ROWS        ? s->rows
+           : kind == PAGE_OF_SIMPLICES ? s->simplices
+                                       : mni_rowpack_places(s->rows, s->simplices);
+}
+
+static uint64_t offset_of(const mni_rows_source *s, page_kind kind) {
+    return kind == PAGE_OF_ROWS        ? s->row_offset
+           : kind == PAGE_OF_SIMPLICES ? s->simplex_offset
+                                       : s->places_offset;
+}
+
+/* Where a packed page begins and ends. */
+typedef struct place {
+    uint64_t from, to;
+} place;
+
+/* packed: NULL where pages are as they are. */
+static bool read_page(mni_rows *rows, page_kind kind, uint32_t page, const place *packed,
+                      unsigned char *to) {
+    const mni_rows_source *s = &rows->source;
+    const uint64_t each = items_of_page(kind), all = items_of(s, kind), first = page * each;
+    const uint32_t count = (uint32_t)(all - first < each ? all - first : each);
+    unsigned char bytes[MNI_PAGE_PACKED_MAX];
+    MN_ASSERT(first < all);
+    if (packed == NULL)
+        return read_bytes(rows, offset_of(s, kind) + first * bytes_of_item(kind), to,
+                          count * bytes_of_item(kind));
+    MN_ASSERT(packed->to - packed->from <= sizeof bytes); /* our own file */
+    if (!read_bytes(rows, packed->from, bytes, (size_t)(packed->to - packed->from)))
+        return false;
+    if (kind == PAGE_OF_ROWS)
+        mni_rows_unpack(bytes, (mni_row *)(void *)to, (uint32_t)first, count, s->grid_step);
+    else
+        mni_simplices_unpack(bytes, (mni_row_simplex *)(void *)to, count);
     return true;
 }
 
@@ -135,8 +179,12 @@ static uint32_t free_slot(mni_rows *rows) {
     return at;
 }
 
+static bool find_place(mni_rows *rows, page_kind kind, uint32_t number, place *at);
+
 /* Its bytes stay until the lock is given back or another page is asked for. NULL: trouble. */
 static const unsigned char *page_at(mni_rows *rows, page_kind kind, uint32_t number) {
+    const bool is_packed = rows->source.places_offset > 0 && kind != PAGE_OF_PLACES;
+    place packed;
     uint64_t page = (uint64_t)kind << 32 | number;
     uint32_t *bucket = bucket_of(rows, page);
     for (uint32_t at = *bucket; at != MN_NONE; at = rows->slot[at].next)
@@ -144,12 +192,12 @@ static const unsigned char *page_at(mni_rows *rows, page_kind kind, uint32_t num
             rows->slot[at].recent = true;
             return rows->bytes + (size_t)at * PAGE_BYTES;
         }
-    if (rows->trouble.code != MN_OK)
+    if (rows->trouble.code != MN_OK || (is_packed && !find_place(rows, kind, number, &packed)))
         return NULL;
     uint32_t at = free_slot(rows);
     unsigned char *bytes = rows->bytes + (size_t)at * PAGE_BYTES;
     /* a page that could not be read is nobody's, and there will be no other */
-    bool done = read_page(rows, kind, number, bytes);
+    bool done = read_page(rows, kind, number, is_packed ? &packed : NULL, bytes);
     rows->slot[at] = (mni_rows_slot){done ? page : UINT64_MAX, MN_NONE, true};
     bucket = bucket_of(rows, rows->slot[at].page);
     rows->slot[at].next = *bucket;
@@ -157,10 +205,26 @@ static const unsigned char *page_at(mni_rows *rows, page_kind kind, uint32_t num
     return done ? bytes : NULL;
 }
 
+static bool find_place(mni_rows *rows, page_kind kind, uint32_t number, place *at) {
+    uint64_t index = number, found[2];
+    if (kind == PAGE_OF_SIMPLICES)
+        index += mni_rows_pages(rows->source.rows);
+    for (int i = 0; i < 2; i++) {
+        const unsigned char *page =
+            page_at(rows, PAGE_OF_PLACES, (uint32_t)((index + (uint64_t)i) / PLACES_PAGE));
+        if (page == NULL)
+            return false;
+        memcpy(&found[i], page + (index + (uint64_t)i) % PLACES_PAGE * sizeof *found,
+               sizeof *found);
+    }
+    *at = (place){found[0], found[1]};
+    return true;
+}
+
 /* Copies items [first, end) of a kind. */
 static bool copy(mni_rows *rows, page_kind kind, uint32_t first, uint32_t end, void *out) {
-    uint32_t each = kind == PAGE_OF_ROWS ? ROWS_PAGE : SIMPLICES_PAGE;
-    size_t size = kind == PAGE_OF_ROWS ? sizeof(mni_row) : sizeof(mni_row_simplex);
+    const uint32_t each = items_of_page(kind);
+    const size_t size = bytes_of_item(kind);
     unsigned char *to = out;
     for (uint32_t at = first; at < end;) {
         uint32_t here = each - at % each;
@@ -181,10 +245,10 @@ static bool simplices_end(mni_rows *rows, uint32_t end, uint32_t *simplex_end) {
     *simplex_end = rows->source.simplices;
     if (end == rows->source.rows)
         return true;
-    const unsigned char *page = page_at(rows, PAGE_OF_ROWS, end / ROWS_PAGE);
+    const unsigned char *page = page_at(rows, PAGE_OF_ROWS, end / MNI_ROWS_PAGE);
     if (page == NULL)
         return false;
-    const mni_row *row = (const mni_row *)(const void *)page + end % ROWS_PAGE;
+    const mni_row *row = (const mni_row *)(const void *)page + end % MNI_ROWS_PAGE;
     *simplex_end = row->simplex_start;
     return true;
 }
@@ -202,6 +266,14 @@ bool mni_rows_get(mni_rows *rows, uint32_t at, mni_row *row, uint32_t *simplex_e
     mni_lock_take(&rows->lock);
     bool done =
         copy(rows, PAGE_OF_ROWS, at, at + 1, row) && simplices_end(rows, at + 1, simplex_end);
+    mni_lock_give(&rows->lock);
+    return done;
+}
+
+bool mni_rows_copy(mni_rows *rows, bool simplices, uint32_t first, uint32_t end, void *out) {
+    MN_ASSERT(rows->source.row == NULL && first <= end);
+    mni_lock_take(&rows->lock);
+    bool done = copy(rows, simplices ? PAGE_OF_SIMPLICES : PAGE_OF_ROWS, first, end, out);
     mni_lock_give(&rows->lock);
     return done;
 }

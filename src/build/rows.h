@@ -10,7 +10,8 @@
  *
  * So who works on a part of the model reads a part of the files. Nodes are called by their rows.
  *
- * Rows lie in memory, or in files of which so many pages are kept. Any number of threads may read;
+ * Rows lie in memory, or in files, as they are or packed (rowpack.h), of which so many pages are
+ * kept. Any number of threads may read;
  * calls on files block, and what they cannot read is told by mni_rows_trouble. Nothing read is to
  * be trusted before it was checked. Paper: §3.2. */
 #ifndef MNI_ROWS_H
@@ -39,16 +40,18 @@ typedef struct mni_row_simplex {
     uint32_t corner[3];
 } mni_row_simplex;
 
-/* Where the rows and simplices of a tree are: in memory, or from those offsets of files on. The
+/* Where the rows and simplices of a tree are: in memory, or from those offsets of a file on. The
  * owner's, and must outlive what is opened on it. */
 typedef struct mni_rows_source {
     uint32_t rows, simplices;
     bool has_colors;
     const mni_row *row; /* NULL: in files */
     const mni_row_simplex *simplex;
-    int row_fd, simplex_fd;
+    int fd;
     uint64_t row_offset, simplex_offset;
-    const char *name; /* of the file, for messages; NULL: it has none */
+    uint64_t places_offset; /* of where packed pages begin; 0: they are not packed */
+    float grid_step;        /* for packed ones */
+    const char *name;       /* of the file, for messages; NULL: it has none */
 } mni_rows_source;
 
 typedef struct mni_rows_slot {
@@ -80,6 +83,8 @@ mn_code mni_rows_trouble(mni_rows *rows, mn_status *st);
 
 /* Row `at` and where its simplices end. false: not to be read. */
 bool mni_rows_get(mni_rows *rows, uint32_t at, mni_row *row, uint32_t *simplex_end);
+/* Copies rows, or simplices, [first, end). false: not to be read. */
+bool mni_rows_copy(mni_rows *rows, bool simplices, uint32_t first, uint32_t end, void *out);
 /* Simplices [first, first + count), in memory or copied to room. NULL: not to be read, or there
  * are none such. */
 const mni_row_simplex *mni_rows_simplices(mni_rows *rows, uint32_t first, uint32_t count,

@@ -20,12 +20,11 @@
 #include "grid.h"
 #include "order.h"
 #include "rounds.h"
+#include "rowpack.h"
 #include "tree.h"
 #include "vdt_header.h"
 #include "watch.h"
 #include "work.h"
-
-_Static_assert(MNI_ORDER_AT == sizeof(mni_vdt_header), "rows stand where they do in a .vdt");
 
 enum { COPY_BYTES = 256 << 10 };
 
@@ -398,44 +397,68 @@ mn_code mn_vdt_make(const char *in, const mn_read_desc *read, const mn_simplify_
 
 /* ---- a file ---------------------------------------------------------------------------------- */
 
-static int fd_of(const mn_vdt *vdt) {
-    return vdt->made.fd >= 0 ? vdt->made.fd : vdt->file.fd;
+static size_t item_bytes(int section) {
+    return section == MNI_ROWS ? sizeof(mni_row) : sizeof(mni_row_simplex);
 }
 
 static uint64_t section_bytes(const mn_vdt *vdt, int section) {
-    return section == MNI_ROWS ? vdt->head.leaves * (uint64_t)sizeof(mni_row)
-                               : vdt->head.simplices * (uint64_t)sizeof(mni_row_simplex);
+    return (section == MNI_ROWS ? vdt->head.leaves : vdt->head.simplices) *
+           (uint64_t)item_bytes(section);
+}
+
+static mni_rows_source source_of(const mn_vdt *vdt) {
+    mni_rows_source s = {.rows = vdt->head.leaves,
+                         .simplices = vdt->head.simplices,
+                         .has_colors = vdt->has_colors,
+                         .name = vdt->path};
+    if (vdt->made.fd < 0) {
+        s.fd = vdt->file.fd;
+        s.row_offset = sizeof(mni_vdt_header);
+        s.simplex_offset = s.row_offset + section_bytes(vdt, MNI_ROWS);
+        return s;
+    }
+    s.fd = vdt->made.fd;
+    s.places_offset = vdt->made.size_bytes - mni_rowpack_places(s.rows, s.simplices) * 8;
+    s.grid_step = vdt->head.grid_step;
+    return s;
 }
 
 typedef mn_code (*take_bytes)(void *context, const void *bytes, size_t count);
 
 /* Hands over the rows and the simplices, from front to back; sum: what they hash to. */
-static mn_code each_piece(mn_vdt *vdt, const char *name, const char *phase, const mn_watch *watch,
+static mn_code each_piece(mn_vdt *vdt, const char *phase, const mn_watch *watch,
                           uint64_t sum[MNI_SECTIONS], take_bytes take, void *context,
                           mn_status *st) {
-    const mni_in in = {.fd = fd_of(vdt)};
-    uint64_t at = MNI_ORDER_AT, end[MNI_SECTIONS];
+    const mni_rows_source source = source_of(vdt);
+    const uint32_t items[MNI_SECTIONS] = {source.rows, source.simplices};
+    const uint64_t all = section_bytes(vdt, MNI_ROWS) + section_bytes(vdt, MNI_SIMPLICES);
+    uint64_t done = 0;
+    mni_rows rows;
     void *piece = malloc(COPY_BYTES);
-    mn_code code = piece != NULL ? MN_OK : mn_fail(st, MN_FAILED, "no memory to read a tree");
-    end[MNI_ROWS] = at + section_bytes(vdt, MNI_ROWS);
-    end[MNI_SIMPLICES] = end[MNI_ROWS] + section_bytes(vdt, MNI_SIMPLICES);
+    mn_code code = mni_rows_open(&rows, &source, 0, st);
+    if (code == MN_OK && piece == NULL)
+        code = mn_fail(st, MN_FAILED, "no memory to read a tree");
     for (int i = 0; i < MNI_SECTIONS && code == MN_OK; i++) {
+        const uint32_t each = (uint32_t)(COPY_BYTES / item_bytes(i));
         XXH3_state_t state;
         XXH3_64bits_reset(&state);
-        while (at < end[i] && code == MN_OK) {
-            size_t count = end[i] - at < COPY_BYTES ? (size_t)(end[i] - at) : COPY_BYTES;
-            code = mni_vdt_read(&in, name, at, piece, count, "rows", st);
+        for (uint32_t at = 0, end; at < items[i] && code == MN_OK; at = end) {
+            end = items[i] - at < each ? items[i] : at + each;
+            const size_t count = (end - at) * item_bytes(i);
+            if (!mni_rows_copy(&rows, i == MNI_SIMPLICES, at, end, piece))
+                code = mni_rows_trouble(&rows, st);
             if (code != MN_OK)
                 break;
             XXH3_64bits_update(&state, piece, count);
-            at += count;
+            done += count;
             if (take != NULL)
                 code = take(context, piece, count);
             if (code == MN_OK)
-                code = mni_watch(watch, phase, at, end[MNI_SIMPLICES], st);
+                code = mni_watch(watch, phase, done, all, st);
         }
         sum[i] = XXH3_64bits_digest(&state);
     }
+    mni_rows_close(&rows);
     free(piece);
     return code;
 }
@@ -452,7 +475,7 @@ static mn_code open_file(mn_vdt *vdt, const mn_watch *watch, mn_status *st) {
     if (code != MN_OK)
         return code;
     vdt->has_colors = mni_vdt_header_has_colors(&h);
-    code = each_piece(vdt, vdt->path, "checking", watch, sum, NULL, NULL, st);
+    code = each_piece(vdt, "checking", watch, sum, NULL, NULL, st);
     for (int i = 0; i < MNI_SECTIONS && code == MN_OK; i++) {
         vdt->sum[i] = sum[i];
         if (sum[i] != h.section[i].checksum)
@@ -502,7 +525,7 @@ mn_code mn_vdt_write(mn_vdt *vdt, const char *path, const mn_watch *watch, mn_st
     if (code == MN_OK)
         code = mni_out_write(&c.out, &h, sizeof h, st);
     if (code == MN_OK)
-        code = each_piece(vdt, name, "writing", watch, sum, put_out, &c, st);
+        code = each_piece(vdt, "writing", watch, sum, put_out, &c, st);
     if (code == MN_OK && memcmp(sum, vdt->sum, sizeof sum) != 0)
         code = mn_fail(st, MN_FAILED, "%s: has changed while it was copied", name);
     if (code == MN_OK)
@@ -517,14 +540,7 @@ mn_code mn_vdt_block(mn_vdt *vdt, const char *path, const mn_block_desc *desc, m
     mn_code code = mni_block_desc_check(&vdt->head, &checked, st);
     if (code != MN_OK)
         return code;
-    const mni_rows_source source = {.rows = vdt->head.leaves,
-                                    .simplices = vdt->head.simplices,
-                                    .has_colors = vdt->has_colors,
-                                    .row_fd = fd_of(vdt),
-                                    .simplex_fd = fd_of(vdt),
-                                    .row_offset = MNI_ORDER_AT,
-                                    .simplex_offset = MNI_ORDER_AT + section_bytes(vdt, MNI_ROWS),
-                                    .name = vdt->path};
+    const mni_rows_source source = source_of(vdt);
     uint64_t build_id = mni_build_id(&vdt->head, vdt->has_colors, vdt->sum, &checked);
     return mni_block_rows(path, &vdt->head, &source, build_id, &checked, header, counts, st);
 }

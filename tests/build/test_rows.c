@@ -17,6 +17,7 @@
 #include "block_rows.h"
 #include "plan.h"
 #include "suite.h"
+#include "rowpack.h"
 #include "tree.h"
 #include "tree_fixture.h"
 #include "tree_rows.h"
@@ -26,7 +27,7 @@ typedef struct filed {
     mn_tree tree;
     unsigned char *section[MNI_SECTIONS];
     size_t size[MNI_SECTIONS];
-    mni_rows_source memory, file;
+    mni_rows_source memory, file, packed;
 } filed;
 static const uint64_t at_rows = 44, gap = 100;
 
@@ -39,8 +40,40 @@ static mn_code put(void *context, int section, const void *bytes, size_t count) 
 
 static void write_section(const filed *f, int section) {
     uint64_t at = section == MNI_ROWS ? f->file.row_offset : f->file.simplex_offset;
-    ck_assert(pwrite(f->file.row_fd, f->section[section], f->size[section], (off_t)at) ==
+    ck_assert(pwrite(f->file.fd, f->section[section], f->size[section], (off_t)at) ==
               (ssize_t)f->size[section]);
+}
+
+/* The same, packed, in a file of its own. */
+static void pack_tree(filed *f) {
+    const mni_rows_source *m = &f->memory;
+    const uint32_t places = (uint32_t)mni_rowpack_places(m->rows, m->simplices);
+    unsigned char bytes[MNI_PAGE_PACKED_MAX];
+    uint64_t *place = calloc(places, sizeof *place), at = at_rows;
+    uint32_t page = 0;
+    f->packed = f->file;
+    f->packed.grid_step = f->tree.grid_step;
+    f->packed.fd = open(fixture_path("packed"), O_RDWR | O_CREAT | O_TRUNC, 0600);
+    for (uint32_t i = 0; i < m->rows + m->simplices;) {
+        const bool rows = i < m->rows;
+        const uint32_t first = rows ? i : i - m->rows,
+                       left = (rows ? m->rows : m->simplices) - first,
+                       most = rows ? MNI_ROWS_PAGE : MNI_SIMPLICES_PAGE,
+                       count = left < most ? left : most;
+        const size_t size =
+            rows ? mni_rows_pack(bytes, m->row + first, first, count, f->packed.grid_step)
+                 : mni_simplices_pack(bytes, m->simplex + first, count);
+        ck_assert_uint_le(size, sizeof bytes);
+        ck_assert(pwrite(f->packed.fd, bytes, size, (off_t)at) == (ssize_t)size);
+        place[page++] = at;
+        at += size;
+        i += count;
+    }
+    ck_assert_uint_eq(page + 1, places);
+    place[page] = f->packed.places_offset = at;
+    ck_assert(pwrite(f->packed.fd, place, 8 * places, (off_t)at) == 8 * (ssize_t)places);
+    ck_assert_uint_lt(at, (f->size[MNI_ROWS] + f->size[MNI_SIMPLICES]) * 3 / 5);
+    free(place);
 }
 
 static void file_tree(filed *f) {
@@ -61,17 +94,18 @@ static void file_tree(filed *f) {
     f->file.row = NULL;
     f->file.simplex = NULL;
     f->file.name = "rows";
-    f->file.row_fd = f->file.simplex_fd =
-        open(fixture_path("rows"), O_RDWR | O_CREAT | O_TRUNC, 0600);
+    f->file.fd = open(fixture_path("rows"), O_RDWR | O_CREAT | O_TRUNC, 0600);
     f->file.row_offset = at_rows;
     f->file.simplex_offset = at_rows + f->size[MNI_ROWS] + gap;
-    ck_assert_int_ge(f->file.row_fd, 0);
+    ck_assert_int_ge(f->file.fd, 0);
     write_section(f, MNI_ROWS);
     write_section(f, MNI_SIMPLICES);
+    pack_tree(f);
 }
 
 static void close_filed(filed *f) {
-    close(f->file.row_fd);
+    close(f->file.fd);
+    close(f->packed.fd);
     free(f->section[MNI_ROWS]);
     free(f->section[MNI_SIMPLICES]);
     mn_tree_free(&f->tree);
@@ -122,7 +156,8 @@ START_TEST(rows_are_read_as_they_stand) {
     const mni_row *row = f.memory.row;
     const mni_row_simplex *simplex = f.memory.simplex;
     const uint64_t budget[] = {0, 1 << 17, 1 << 24};
-    ck_assert(mni_rows_open(&rows, _i < 3 ? &f.file : &f.memory, budget[_i % 3], &st) == MN_OK);
+    const mni_rows_source *source = _i < 3 ? &f.file : _i < 6 ? &f.packed : &f.memory;
+    ck_assert(mni_rows_open(&rows, source, budget[_i % 3], &st) == MN_OK);
     for (uint32_t i = 0; i < 20000; i++) {
         uint32_t at = fixture_random(&state) % f.memory.rows, end;
         uint32_t next = at + 1 + fixture_random(&state) % (f.memory.rows - at);
@@ -154,6 +189,53 @@ START_TEST(rows_are_read_as_they_stand) {
     mni_rows_run_free(&run);
     mni_rows_close(&rows);
     close_filed(&f);
+}
+END_TEST
+
+/* Any rows and simplices, sound or not: numbers from all over what a word holds, floats on a grid,
+ * far out on it, and on none. */
+START_TEST(what_is_packed_comes_back) {
+    uint64_t state = fixture_seed(13);
+    for (uint32_t round = 0; round < 2000; round++) {
+        mni_row row[MNI_ROWS_PAGE], back[MNI_ROWS_PAGE];
+        mni_row_simplex simplex[MNI_SIMPLICES_PAGE], again[MNI_SIMPLICES_PAGE];
+        unsigned char bytes[MNI_PAGE_PACKED_MAX];
+        const uint32_t count = 1 + fixture_random(&state) % MNI_ROWS_PAGE, small = round % 32,
+                       first = fixture_random(&state) >> (1 + small), kind = round % 3;
+        const float step = kind == 2 ? 0.3f : 0x1p-10f;
+        uint32_t start = 0;
+        for (uint32_t i = 0; i < count; i++) {
+            mni_row *r = &row[i];
+            *r = (mni_row){.left = MN_NONE, .right = MN_NONE};
+            for (int c = 0; c < 3; c++)
+                r->position[c] = kind == 1 ? (float)fixture_random(&state) * 0x1p20f
+                                           : (float)(int32_t)(fixture_random(&state) >> small) *
+                                                 (kind == 0 ? step : 0x1p-140f);
+            r->rgba = fixture_random(&state);
+            r->simplex_start = start += fixture_random(&state) >> (8 + small / 2);
+            r->order = first + i == 0 ? 0 : fixture_random(&state) >> small;
+            if (r->order == 0)
+                continue;
+            const uint32_t at = first + i;
+            r->leaf_lo = at - fixture_random(&state) % (at + 1);
+            r->leaf_hi = at + (fixture_random(&state) >> small);
+            r->left = at == 0 || i % 3 == 0 ? MN_NONE : fixture_random(&state) % at;
+            r->right = i % 5 == 0 ? MN_NONE : at + 1 + (fixture_random(&state) >> 2);
+            r->switch_value = (float)fixture_random(&state) * (i % 2 ? 1 : 0x1p-149f);
+            r->radius = (float)(fixture_random(&state) >> small);
+            memset(&r->cone, (int)(fixture_random(&state) & 0xff), sizeof r->cone);
+        }
+        ck_assert_uint_le(mni_rows_pack(bytes, row, first, count, step), sizeof bytes);
+        mni_rows_unpack(bytes, back, first, count, step);
+        ck_assert(memcmp(row, back, count * sizeof *row) == 0);
+        for (uint32_t i = 0; i < MNI_SIMPLICES_PAGE; i++)
+            for (int c = 0; c < 3; c++)
+                simplex[i].corner[c] =
+                    c == 2 && i % 9 == 0 ? MN_NONE : fixture_random(&state) >> small;
+        ck_assert_uint_le(mni_simplices_pack(bytes, simplex, MNI_SIMPLICES_PAGE), sizeof bytes);
+        mni_simplices_unpack(bytes, again, MNI_SIMPLICES_PAGE);
+        ck_assert(memcmp(simplex, again, sizeof simplex) == 0);
+    }
 }
 END_TEST
 
@@ -191,6 +273,9 @@ START_TEST(the_same_bytes_in_any_memory) {
             ck_assert(same_files("a.mnt", "b.mnt"));
             ck_assert_uint_ge(counts.bytes_read, f.size[MNI_ROWS] + f.size[MNI_SIMPLICES]);
             ck_assert_uint_eq(counts.bytes_written, b.file_bytes);
+            ck_assert_msg(block(&f, &f.packed, "b.mnt", &desc, &b, NULL, &st) == MN_OK, "%s",
+                          st.text);
+            ck_assert(same_files("a.mnt", "b.mnt"));
         }
     }
     close_filed(&f);
@@ -325,23 +410,23 @@ START_TEST(files_that_end_early_are_told) {
     filed f;
     mn_block_desc desc = {.ram_bytes = 1};
     make_filed(0, 20, &f);
-    off_t whole = lseek(f.file.row_fd, 0, SEEK_END);
+    off_t whole = lseek(f.file.fd, 0, SEEK_END);
     for (off_t length = 0; length < whole; length += 1000) {
         mn_status st = {0};
         write_section(&f, MNI_ROWS);
         write_section(&f, MNI_SIMPLICES);
-        ck_assert_int_eq(ftruncate(f.file.row_fd, length), 0);
+        ck_assert_int_eq(ftruncate(f.file.fd, length), 0);
         desc.threads = 1 + (length / 1000) % 2;
         ck_assert_int_eq(block(&f, &f.file, "e.mnt", &desc, NULL, NULL, &st), MN_FAILED);
         ck_assert_msg(strstr(st.text, "ends there") != NULL, "%s", st.text);
         ck_assert_int_ne(access(fixture_path("e.mnt"), F_OK), 0);
     }
     mn_status st = {0};
-    int fd = f.file.row_fd;
-    f.file.row_fd = f.file.simplex_fd = -1;
+    int fd = f.file.fd;
+    f.file.fd = -1;
     ck_assert_int_eq(block(&f, &f.file, "e.mnt", &desc, NULL, NULL, &st), MN_FAILED);
     ck_assert(strstr(st.text, strerror(EBADF)) != NULL);
-    f.file.row_fd = fd;
+    f.file.fd = fd;
     close_filed(&f);
 }
 END_TEST
@@ -390,7 +475,8 @@ int main(void) {
     Suite *s = suite_create("rows");
     TCase *t = tcase_create("rows");
     tcase_set_timeout(t, 60);
-    tcase_add_loop_test(t, rows_are_read_as_they_stand, 0, 4);
+    tcase_add_loop_test(t, rows_are_read_as_they_stand, 0, 7);
+    tcase_add_test(t, what_is_packed_comes_back);
     tcase_add_loop_test(t, the_same_bytes_in_any_memory, 0, KINDS);
     tcase_add_loop_test(t, lies_are_found_out, 0, KINDS);
     tcase_add_test(t, a_tree_that_changes_is_told);
