@@ -257,7 +257,7 @@ END_TEST
 
 /* Triangles among few or many places, with everything wrong that there can be. */
 static void random_obj(uint64_t *state, bool doubles) {
-    uint64_t vertices = 3 + random_u64(state) % 80000, faces = 1 + random_u64(state) % 30000;
+    uint64_t vertices = 3 + random_u64(state) % 60000, faces = 1 + random_u64(state) % 20000;
     uint64_t grid = 2 + random_u64(state) % 40, near = 1 + random_u64(state) % vertices;
     FILE *f = fopen(path, "wb");
     for (uint64_t v = 0; v < vertices; v++) {
@@ -329,7 +329,7 @@ END_TEST
 START_TEST(made_models) {
     const mn_make_desc make = {.shape = (mn_shape)_i,
                                .triangles =
-                                   150000}; /* the smallest budget holds the map of a few parts */
+                                   80000}; /* the smallest budget holds the map of a few parts */
     mn_status st = {0};
     mni_extmesh x;
     ck_assert_int_eq(mn_make(path, &make, &st), MN_OK);
@@ -423,7 +423,7 @@ static bool ask(void *context, const char *phase, uint64_t done, uint64_t total)
 }
 
 START_TEST(interrupted) {
-    const mn_make_desc make = {.shape = MN_SHAPE_SPHERE, .triangles = 200000};
+    const mn_make_desc make = {.shape = MN_SHAPE_SPHERE, .triangles = 140000};
     mn_status st = {0};
     mn_code code = MN_FAILED;
     int times = 0;
