@@ -102,6 +102,13 @@ static inline mni_ext_vertex mni_ext_vertex_of(const uint32_t *word, bool wide) 
     return v;
 }
 
+/* Where positions are counted from, for a box, and its grid. */
+typedef struct mni_ext_frame {
+    double origin[3];
+    float low[3], high[3]; /* of the box, from there */
+    float step;            /* of mni_ext_curve_bits */
+} mni_ext_frame;
+
 /* A range of `window` vertices: what refers to them, one piece of the file behind the other. */
 typedef struct mni_ext_bucket {
     mni_spill
@@ -139,10 +146,10 @@ struct mni_extintake {
     uint32_t last_in_sequence;
 
     /* numbering */
-    double cells_per_unit; /* of the curve, along a side */
-    uint64_t places;       /* different finite positions: numbers 0 … places - 1 */
-    mni_spill placed;      /* points, by place */
-    uint32_t *map;         /* of all vertices, or one bucket's: their places, or MN_NONE */
+    mni_ext_frame frame; /* of all finite ones: what the curve follows */
+    uint64_t places;     /* different finite positions: numbers 0 … places - 1 */
+    mni_spill placed;    /* points, by place */
+    uint32_t *map;       /* of all vertices, or one bucket's: their places, or MN_NONE */
     uint64_t map_bytes;
 
     /* triangles */
@@ -236,6 +243,19 @@ bool mni_ext_edges_open(mni_extintake *x);
 void mni_ext_edges_add(mni_extintake *x, const mni_exttriangle *t, uint32_t number);
 bool mni_ext_edges_finish(mni_extintake *x);
 void mni_ext_edges_close(mni_extintake *x);
+/* Bits of a side of the grid that the curve follows; a finer one shares its cells. */
+enum { MNI_EXT_CURVE_BITS_MAX = 20 };
+static inline uint32_t mni_ext_curve_bits(const mni_extintake *x) {
+    const uint32_t bits = x->desc.position_bits > 0 ? x->desc.position_bits : MN_POSITION_BITS;
+    return bits < MNI_EXT_CURVE_BITS_MAX ? bits : MNI_EXT_CURVE_BITS_MAX;
+}
+/* exact: floats hold all positions. */
+mni_ext_frame mni_ext_frame_of(const mni_extintake *x, const double low[3], const double high[3],
+                               bool exact);
+/* A coordinate from the origin, as it is rounded for all. */
+static inline float mni_ext_from_origin(const mni_ext_frame *f, double p, int axis) {
+    return (float)(p - f->origin[axis]) + 0.0f;
+}
 /* The places that triangles use. */
 bool mni_ext_write_vertices(mni_extintake *x);
 

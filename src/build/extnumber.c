@@ -2,8 +2,9 @@
  *
  * Vertices are sorted by where they lie along a Z-order curve through the box of all, and by a hash
  * of their position where they share a cell of it; equal positions are then neighbours, the first
- * of the input first, and their rank is their place. Of an entry only what the key is made of goes
- * to the disk, as differences: 12 bytes of 36.
+ * of the input first, and their rank is their place. Cells are parts of what is rounded to one
+ * place of the grid, so what will fall together there is one run as well. Of an entry only what the
+ * key is made of goes to the disk, as differences: 12 bytes of 36.
  *
  * The map from pushed vertices to places is an array, of all vertices or of one bucket's: then
  * pairs of vertex and place go to their buckets, as triangles did before. A bucket's triangles are
@@ -27,7 +28,7 @@
 #include "reader.h"
 
 enum {
-    AXIS_BITS = 21,    /* 3 × 21 fit a word */
+    AXIS_BITS = MNI_EXT_CURVE_BITS_MAX + 1, /* 3 × 21 fit a word */
     SAME_KEY_MAX = 16, /* different positions of one cell and one hash of 64 bits: hardly two */
 };
 
@@ -52,11 +53,16 @@ static uint64_t spread(uint64_t x) {
 }
 
 static uint64_t cell_of(const mni_extintake *x, const double p[3]) {
+    const mni_ext_frame *f = &x->frame;
+    const double steps_per_unit = 1 / (double)f->step; /* a power of two, as the step is */
+    const int part_bits = AXIS_BITS - 1 - (int)mni_ext_curve_bits(x);
     uint64_t cell = 0;
     for (int i = 0; i < 3; i++) {
-        double step = (p[i] - x->low[i]) * x->cells_per_unit;
-        uint64_t q = step >= (1 << AXIS_BITS) - 1 ? (1 << AXIS_BITS) - 1 : (uint64_t)step;
-        cell |= spread(q) << i;
+        const double at = (double)mni_ext_from_origin(f, p[i], i) * steps_per_unit, step = rint(at),
+                     first = rint((double)f->low[i] * steps_per_unit);
+        const uint32_t part = (uint32_t)((at - step + 0.5) * (1 << part_bits)),
+                       last = (1u << part_bits) - 1;
+        cell |= spread((uint64_t)(step - first) << part_bits | (part < last ? part : last)) << i;
     }
     return cell;
 }
@@ -191,9 +197,8 @@ bool mni_ext_place_vertices(mni_extintake *x) {
         .budget_bytes = mni_ext_share(x, MNI_EXT_SORT_SHARE),
         .after_bytes = mni_ext_share(x, MNI_EXT_AFTER_SHARE),
         .packing = &packing};
-    const double size =
-        fmax(fmax(x->high[0] - x->low[0], x->high[1] - x->low[1]), x->high[2] - x->low[2]);
-    x->cells_per_unit = size > 0 ? ldexp(1, AXIS_BITS) / size : 0;
+    if (x->nonfinite < x->vertices)
+        x->frame = mni_ext_frame_of(x, x->low, x->high, !mni_ext_is_wide(x));
     mni_sort *sort = NULL;
     bool one = mni_ext_buckets(x) == 1;
     bool ok = mni_ext_spill_open(x, &x->placed) && mni_ext_sort_open(x, &sort, &desc) &&

@@ -4,8 +4,10 @@
  * The box of what is used gives origin and grid. Where all places are used it is known from the
  * pushing; otherwise they are read once more.
  *
- * Hides: how positions that fall together are found. Each is a number, of its steps along the three
- * axes where 64 bits hold them, otherwise a hash of it; equal ones meet in a sort. One thread.
+ * Hides: how positions that fall together are found. Where the grid is the one that the vertices'
+ * curve follows they come one after the other. Otherwise (vertices that are not used make the box
+ * larger, steps are too fine for the curve) each becomes a number, of its steps along the three
+ * axes where 64 bits hold them, or a hash of it; equal ones meet in a sort. One thread.
  * (design.md §3.1) */
 #include "extintake.h"
 
@@ -19,12 +21,6 @@
 #include "unit.h"
 
 enum { AXIS_BITS = 21 };
-
-/* Where vertices go to. */
-typedef struct frame {
-    bool exact;            /* floats hold all positions */
-    float low[3], high[3]; /* of the box, from the origin */
-} frame;
 
 /* ---- places in use --------------------------------------------------------------------------- */
 
@@ -80,22 +76,28 @@ static bool find_box(mni_extintake *x, double low[3], double high[3], bool *exac
     return mni_ext_spill_good(x, &x->placed);
 }
 
-/* From the origin, as it is rounded for all. */
-static float from_origin(const mni_extintake *x, double p, int axis) {
-    return (float)(p - x->result.origin[axis]) + 0.0f;
+mni_ext_frame mni_ext_frame_of(const mni_extintake *x, const double low[3], const double high[3],
+                               bool exact) {
+    mni_ext_frame f;
+    mni_intake_origin(low, high, exact, f.origin);
+    for (int i = 0; i < 3; i++) {
+        f.low[i] = mni_ext_from_origin(&f, low[i], i);
+        f.high[i] = mni_ext_from_origin(&f, high[i], i);
+    }
+    f.step = mni_grid_step(f.low, f.high, mni_ext_curve_bits(x));
+    return f;
 }
 
-static bool find_frame(mni_extintake *x, frame *f) {
+/* What is said of all vertices; exact as above. */
+static bool find_frame(mni_extintake *x, mni_ext_frame *f, bool *exact) {
     double low[3], high[3];
     float most = 0;
-    if (!find_box(x, low, high, &f->exact))
+    if (!find_box(x, low, high, exact))
         return false;
-    mni_intake_origin(low, high, f->exact, x->result.origin);
-    for (int i = 0; i < 3; i++) {
-        f->low[i] = from_origin(x, low[i], i);
-        f->high[i] = from_origin(x, high[i], i);
+    *f = mni_ext_frame_of(x, low, high, *exact);
+    memcpy(x->result.origin, f->origin, sizeof f->origin);
+    for (int i = 0; i < 3; i++)
         most = fmaxf(most, fmaxf(fabsf(f->low[i]), fabsf(f->high[i])));
-    }
     if (x->desc.position_bits > 0) {
         x->result.grid_step = mni_grid_step(f->low, f->high, x->desc.position_bits);
         x->result.unit = mni_unit_of_most(most);
@@ -103,10 +105,16 @@ static bool find_frame(mni_extintake *x, frame *f) {
     return true;
 }
 
+/* The curve's is the grid that positions go to. */
+static bool is_curves_grid(const mni_extintake *x, const mni_ext_frame *f) {
+    return x->result.grid_step > 0 && x->result.grid_step == x->frame.step &&
+           memcmp(f->origin, x->frame.origin, sizeof f->origin) == 0;
+}
+
 /* ---- what falls together --------------------------------------------------------------------- */
 
 /* The same for the same place, and, but for a hash, for no other. */
-static uint64_t number_of(const mni_extintake *x, const frame *f, const float p[3]) {
+static uint64_t number_of(const mni_extintake *x, const mni_ext_frame *f, const float p[3]) {
     uint64_t number = 0;
     for (int i = 0; i < 3; i++) {
         const double step = (double)x->result.grid_step,
@@ -140,19 +148,22 @@ static bool count_different(mni_extintake *x, mni_sort *sort, uint64_t *count) {
 
 /* ---- vertices -------------------------------------------------------------------------------- */
 
-/* before, after: numbers of positions as they came, where these were not welded, and as they are
- * kept; NULL: they are all different. */
-static bool write_all(mni_extintake *x, const frame *f, mni_sort *before, mni_sort *after) {
+/* before, after: numbers of positions as they came and as they are kept, or NULL. *runs: of equal
+ * ones, one after the other. */
+static bool write_all(mni_extintake *x, const mni_ext_frame *f, mni_sort *before, mni_sort *after,
+                      uint64_t *runs) {
     used_reader r;
     mni_spill_writer w;
+    mni_extvertex last = {0};
     uint64_t done = 0;
+    *runs = 0;
     read_used(x, &r, true);
     mni_spill_writer_open(&w, &x->result.vertex, x->buffer[1], x->buffer_bytes);
     while (next_used(x, &r)) {
         const double *p = r.is.position;
         mni_extvertex v = {.rgba = r.is.rgba};
         for (int i = 0; i < 3; i++) {
-            v.position[i] = from_origin(x, p[i], i);
+            v.position[i] = mni_ext_from_origin(f, p[i], i);
             if (x->desc.position_bits > 0)
                 v.position[i] = mni_grid_round(v.position[i], x->result.grid_step);
         }
@@ -162,6 +173,8 @@ static bool write_all(mni_extintake *x, const frame *f, mni_sort *before, mni_so
             mni_sort_put(before, &(uint64_t){XXH3_64bits(p, 3 * sizeof *p)});
         for (int i = 0; i < 3; i++)
             v.position[i] = mni_unit_length(v.position[i], -x->result.unit);
+        *runs += done == 0 || memcmp(v.position, last.position, sizeof v.position) != 0;
+        last = v;
         mni_spill_put(&w, &v, sizeof v);
         if (mni_watch_each(&x->desc.watch, "grid", done++, x->result.vertices, x->st) != MN_OK)
             return false;
@@ -172,15 +185,17 @@ static bool write_all(mni_extintake *x, const frame *f, mni_sort *before, mni_so
 
 bool mni_ext_write_vertices(mni_extintake *x) {
     mni_sort *before = NULL, *after = NULL;
-    frame f;
+    mni_ext_frame f;
     uint64_t apart = x->result.vertices, places = 0;
-    if (!find_frame(x, &f))
+    bool exact;
+    if (!find_frame(x, &f, &exact))
         return false;
-    const bool moved = !f.exact || x->desc.position_bits > 0;
+    const bool moved = !exact || x->desc.position_bits > 0, sorts = moved && !is_curves_grid(x, &f);
     bool ok =
-        (!moved || open_numbers(x, &after)) && (!moved || !x->apart || open_numbers(x, &before)) &&
+        (!sorts || open_numbers(x, &after)) && (!moved || !x->apart || open_numbers(x, &before)) &&
         mni_spill_open_kept(&x->result.vertex, x->desc.temp_dir, x->desc.keep, x->st) == MN_OK &&
-        write_all(x, &f, before, after) && (!moved || count_different(x, after, &places)) &&
+        write_all(x, &f, before, after, &places) &&
+        (after == NULL || count_different(x, after, &places)) &&
         (before == NULL || count_different(x, before, &apart));
     x->counts.merged_positions = moved && apart > places ? apart - places : 0; /* of equal hashes */
     mni_ext_sort_close(x, &before);
