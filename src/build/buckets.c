@@ -21,7 +21,7 @@ void mni_buckets_open(mni_buckets *b, uint32_t buckets, uint32_t chunk_bytes, mn
                        .bucket = mni_arena_take(arena, buckets, sizeof *b->bucket, ALIGN),
                        .chunk = mni_arena_take(arena, buckets, chunk_bytes, ALIGN)};
     for (uint32_t i = 0; i < buckets; i++)
-        b->bucket[i] = (mni_bucket){HEAD_BYTES, NONE};
+        b->bucket[i] = (mni_bucket){HEAD_BYTES, NONE, 0};
 }
 
 void mni_buckets_close(mni_buckets *b) {
@@ -45,6 +45,7 @@ void mni_bucket_spill(mni_buckets *b, uint32_t bucket) {
     if (mni_spill_append(&b->spill, chunk, b->chunk_bytes) == MN_OK)
         k->before = (uint32_t)number;
     k->used_bytes = HEAD_BYTES;
+    k->last = 0;
 }
 
 void mni_bucket_read(mni_bucket_reader *r, mni_buckets *b, uint32_t bucket, void *room) {
@@ -64,6 +65,7 @@ bool mni_bucket_more(mni_bucket_reader *r, mni_buckets *b) {
         return false;
     memcpy(head, r->room, sizeof head);
     r->before = head[0];
+    r->last = 0;
     r->at = r->room + HEAD_BYTES;
     r->end = r->room + head[1];
     if (r->before != NONE)

@@ -25,6 +25,7 @@ enum { MNI_BUCKET_RECORD_MAX = 48, MNI_BUCKET_CHUNK_MIN = 128 };
 typedef struct mni_bucket {
     uint32_t used_bytes; /* of its chunk in memory */
     uint32_t before;     /* its last chunk in the file; UINT32_MAX: none */
+    uint32_t last;       /* the caller's, 0 where a chunk begins: what was put last */
 } mni_bucket;
 
 typedef struct mni_buckets {
@@ -55,10 +56,16 @@ static inline void mni_bucket_put_end(mni_buckets *b, uint32_t bucket, const uns
     b->bucket[bucket].used_bytes = (uint32_t)(end - (b->chunk + (size_t)bucket * b->chunk_bytes));
 }
 
+/* For differences within a chunk: of the bucket that put was called for. */
+static inline uint32_t *mni_bucket_last(mni_buckets *b, uint32_t bucket) {
+    return &b->bucket[bucket].last;
+}
+
 /* Whole records of a bucket, a chunk's worth at a time. */
 typedef struct mni_bucket_reader {
     const unsigned char *at, *end; /* the records */
     uint32_t before;
+    uint32_t last; /* as the bucket's */
     unsigned char *room;
 } mni_bucket_reader;
 /* room: chunk_bytes, the caller's. Nothing is put meanwhile. */

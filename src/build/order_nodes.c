@@ -12,7 +12,6 @@
 #include "assert.h"
 #include "extsort.h"
 #include "order_parts.h"
-#include "varint.h"
 
 typedef struct slot {
     mni_history_collapse is;
@@ -47,10 +46,24 @@ static mn_code spill_trouble(const mni_spill *spill, mn_status *st) {
 
 /* ---- order ids ------------------------------------------------------------------------------ */
 
+/* Along falling keys: the key's difference, and the row's. */
+static unsigned char *pack(const void *context, unsigned char *to, const void *record,
+                           const void *before) {
+    (void)context;
+    return mni_words_put(to, record, before, sizeof(standing) / sizeof(uint32_t));
+}
+
+static const unsigned char *unpack(const void *context, const unsigned char *from, void *record) {
+    (void)context;
+    return mni_words_get(from, record, sizeof(standing) / sizeof(uint32_t));
+}
+
 static mn_code open_sort(walk *k) {
+    static const mni_sort_packing packing = {2 * MNI_VARINT32_MAX, pack, unpack, NULL};
     const mni_sort_desc desc = {.record_bytes = sizeof(standing),
                                 .key = MNI_SORT_U32,
                                 .budget_bytes = k->w->plan.sort_bytes,
+                                .packing = &packing,
                                 .temp_dir = k->w->desc->temp_dir};
     return mni_sort_open(&k->sort, &desc, k->w->st);
 }
@@ -115,14 +128,19 @@ static unsigned char *put_at(mni_order_work *w, mni_buckets *dealt, uint32_t row
     return to + sizeof at;
 }
 
+static unsigned char *put_child(unsigned char *to, uint32_t leaves, uint32_t id, uint32_t split,
+                                uint32_t *last) {
+    to = mni_varint_put(to, leaves);
+    return leaves == 1 ? mni_order_put_id(to, id, last) : mni_varint_put(to, split);
+}
+
 static void put_row(walk *k, const slot *s, uint32_t row) {
     mni_order_work *w = k->w;
     const mni_history_collapse *c = &s->is;
     unsigned char *to = put_at(w, &w->row, row);
-    to = mni_varint_put(to, c->left_leaves);
-    to = mni_varint_put(to, c->left_leaves == 1 ? c->left : c->left_split);
-    to = mni_varint_put(to, c->right_leaves);
-    to = mni_varint_put(to, c->right_leaves == 1 ? c->right : c->right_split);
+    uint32_t *last = mni_bucket_last(&w->row, row >> w->plan.bits);
+    to = put_child(to, c->left_leaves, c->left, c->left_split, last);
+    to = put_child(to, c->right_leaves, c->right, c->right_split, last);
     uint64_t facts = s->value | mni_facts_bounds(c->facts) << MNI_FACTS_VALUE_BITS;
     memcpy(to, &facts, sizeof facts); /* the last byte is 0, and written over */
     to = mni_varint_put(to + MNI_ORDER_FACTS_BYTES, c->simplices);
@@ -131,7 +149,7 @@ static void put_row(walk *k, const slot *s, uint32_t row) {
         /* the leaf before stands in the bucket before */
         to = put_at(w, &w->row, row - 1);
         *to++ = 0;
-        to = mni_varint_put(to, c->left);
+        to = mni_order_put_id(to, c->left, mni_bucket_last(&w->row, (row - 1) >> w->plan.bits));
         mni_bucket_put_end(&w->row, (row - 1) >> w->plan.bits, to);
     }
 }
@@ -157,7 +175,7 @@ static mn_code send_node(walk *k, uint32_t i) {
 static void put_simplex(mni_order_work *w, uint32_t row, uint32_t which, const uint32_t id[3]) {
     unsigned char *to = put_at(w, &w->simplex, row);
     to = mni_varint_put(to, which);
-    to = mni_varint_put(to, id[0]);
+    to = mni_order_put_id(to, id[0], mni_bucket_last(&w->simplex, row >> w->plan.bits));
     to = mni_varint_put(to, mni_fold(id[1], id[0]));
     to = mni_varint_put(to, id[2] == MN_NONE ? 0 : mni_fold(id[2], id[0]));
     mni_bucket_put_end(&w->simplex, row >> w->plan.bits, to);

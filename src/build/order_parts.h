@@ -5,6 +5,7 @@
 #include "buckets.h"
 #include "order.h"
 #include "pages.h"
+#include "varint.h"
 #include "watch.h"
 
 /* How work_bytes is divided. Buckets are of 2^bits collapses, or of as many rows. */
@@ -39,12 +40,22 @@ typedef struct mni_order_work {
  *   switch value, radius, cone     7 bytes
  *   simplices
  *
- * A simplex: 16 bits of its row, which of the row's it is, ids as in history.c. */
+ * A simplex: 16 bits of its row, which of the row's it is, ids as in history.c. First ids, and
+ * leaves', are folded differences to the one before in the chunk. */
 enum {
     MNI_ORDER_FACTS_BYTES = 7,
     MNI_ORDER_BUFFER_BYTES = 64 << 10,
     MNI_ORDER_PLACES_BYTES = 4096
 };
+
+static inline unsigned char *mni_order_put_id(unsigned char *to, uint32_t id, uint32_t *last) {
+    to = mni_varint_put(to, mni_fold(id, *last));
+    *last = id;
+    return to;
+}
+static inline uint32_t mni_order_get_id(const unsigned char **from, uint32_t *last) {
+    return *last = mni_unfold(mni_varint_get(from), *last);
+}
 
 /* Step 1: the history backwards, collapses dealt as rows. */
 mn_code mni_order_nodes(mni_order_work *w);

@@ -15,7 +15,6 @@
 #include "order_parts.h"
 #include "rowpack.h"
 #include "unit.h"
-#include "varint.h"
 
 enum { PAGE_BYTES = 1024, COUNT_MANY = 255, ALIGN = 16 };
 
@@ -98,14 +97,20 @@ static mn_code put_places(rows *r, void *buffer) {
 
 /* ---- step 2: rows --------------------------------------------------------------------------- */
 
-static void take_row(rows *r, const unsigned char **from) {
+/* A leaf's id, or a node's split. */
+static uint32_t take_child(const unsigned char **from, uint32_t leaves, uint32_t *last) {
+    return leaves <= 1 ? mni_order_get_id(from, last) : (uint32_t)mni_varint_get(from);
+}
+
+static void take_row(rows *r, const unsigned char **from, uint32_t *last) {
     uint32_t i = take_at(from), left_leaves = (uint32_t)mni_varint_get(from);
-    uint32_t left = (uint32_t)mni_varint_get(from), at = r->first + i;
+    uint32_t left = take_child(from, left_leaves, last), at = r->first + i;
     if (left_leaves == 0) { /* of the leaf alone */
         r->id[i] = left;
         return;
     }
-    uint32_t right_leaves = (uint32_t)mni_varint_get(from), right = (uint32_t)mni_varint_get(from);
+    uint32_t right_leaves = (uint32_t)mni_varint_get(from);
+    uint32_t right = take_child(from, right_leaves, last);
     uint64_t facts;
     memcpy(&facts, *from, sizeof facts);
     facts &= (UINT64_C(1) << 8 * MNI_ORDER_FACTS_BYTES) - 1;
@@ -138,7 +143,7 @@ static mn_code load_rows(rows *r, uint32_t bucket) {
     mni_bucket_read(&from, &w->row, bucket, r->room);
     do {
         while (from.at < from.end)
-            take_row(r, &from.at);
+            take_row(r, &from.at, &from.last);
     } while (mni_bucket_more(&from, &w->row));
     mni_bucket_read(&from, &w->ordered, bucket, r->room);
     do {
@@ -208,10 +213,11 @@ static mni_row_simplex turned(const uint32_t c[3], uint32_t row) {
     return (mni_row_simplex){{c[(last + 1) % 3], c[(last + 2) % 3], c[last]}};
 }
 
-static bool take_simplex(rows *r, const unsigned char **from, uint32_t window, uint32_t room) {
+static bool take_simplex(rows *r, const unsigned char **from, uint32_t *last, uint32_t window,
+                         uint32_t room) {
     uint32_t i = take_at(from), which = (uint32_t)mni_varint_get(from);
     uint32_t c[3], place = r->id[i] + which - window;
-    c[0] = (uint32_t)mni_varint_get(from);
+    c[0] = mni_order_get_id(from, last);
     c[1] = mni_unfold(mni_varint_get(from), c[0]);
     uint64_t third = mni_varint_get(from);
     if (place >= room) /* another window's */
@@ -233,7 +239,7 @@ static mn_code give_window(rows *r, uint32_t bucket, uint32_t window, uint32_t c
     mni_bucket_read(&from, &w->simplex, bucket, r->room);
     do {
         while (from.at < from.end)
-            if (!take_simplex(r, &from.at, window, count))
+            if (!take_simplex(r, &from.at, &from.last, window, count))
                 return trouble(&w->leaf_of, w->st);
     } while (mni_bucket_more(&from, &w->simplex));
     if (w->simplex.spill.trouble.code != MN_OK)
