@@ -136,7 +136,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
         return code;
     b->in = argv[optind];
     take_words(b, &w);
-    if (temp_place(&b->temp, b->out, w.temp_dir, &b->st) != MN_OK)
+    if (temp_place(&b->temp, b->out, w.temp_dir, w.resume, &b->st) != MN_OK)
         return (mn_code)cli_status(&b->st);
     b->simplify.temp_dir = b->temp.folder;
     cli_interrupts_catch();
@@ -161,6 +161,8 @@ static mn_code begin(build_steps *b) {
     code = temp_check(&b->temp, b->out, &b->st);
     if (code == MN_OK)
         code = mn_work_open(&b->work, &desc, &b->st);
+    if (code == MN_OK)
+        temp_begin(&b->temp);
     if (code == MN_OK && b->resume)
         fprintf(stderr, "metanode: %s\n", mn_work_note(b->work));
     return code;
@@ -201,13 +203,30 @@ mn_code build_write(build_steps *b) {
     return code;
 }
 
+/* The folder of finished phases goes, unless the disk was full: who makes room can go on. */
+static void end_work(build_steps *b) {
+    static const char *const phase_names[] = {"", "reading", "simplifying", "ordering"};
+    const mn_phase done = mn_work_done(b->work);
+    if (b->st.code == MN_NO_SPACE && mn_work_leave(b->work)) {
+        mn_status full = b->st;
+        b->st = (mn_status){0};
+        mn_fail(&b->st, full.code,
+                "%.350s; what %s has made is kept in %.150s: make room, then --resume", full.text,
+                phase_names[done], b->temp.work);
+    } else if (b->st.code != MN_NO_SPACE) {
+        mn_work_close(b->work);
+    }
+    b->work = NULL;
+    temp_end(&b->temp);
+}
+
 int build_end(build_steps *b) {
     temp_look(&b->temp);
     cli_progress_end(&b->meter);
     if (b->st.code == MN_OK)
         build_report(b);
     mn_vdt_close(b->vdt);
-    mn_work_close(b->work);
+    end_work(b);
     mn_tree_free(&b->tree);
     return cli_status(&b->st);
 }

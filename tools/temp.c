@@ -30,25 +30,86 @@ static uint32_t hash_of_folder(const char *out) {
     return hash;
 }
 
-mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, mn_status *st) {
+/* Where the link leads; false: it is none. */
+static bool read_link(const char *link, char to[PATH_MAX]) {
+    const ssize_t length = readlink(link, to, PATH_MAX - 1);
+    to[length > 0 ? length : 0] = 0;
+    return length > 0;
+}
+
+static bool holds_phase(const char *work) {
+    char path[PATH_MAX];
+    const int length = snprintf(path, sizeof path, "%s/state", work);
+    return length > 0 && (size_t)length < sizeof path && access(path, F_OK) == 0;
+}
+
+static mn_code name_folders(temp_files *files, const char *out, const char *temp_dir,
+                            mn_status *st) {
     char *copy = strdup(out), *name = strdup(out);
-    int folder_length = -1, work_length = -1;
-    *files = (temp_files){0};
-    if (copy != NULL && name != NULL && temp_dir == NULL) {
-        folder_length = snprintf(files->folder, sizeof files->folder, "%s", dirname(copy));
-        work_length = snprintf(files->work, sizeof files->work, "%s.work", out);
-    } else if (copy != NULL && name != NULL) {
-        folder_length = snprintf(files->folder, sizeof files->folder, "%s", temp_dir);
-        work_length = snprintf(files->work, sizeof files->work, "%s/%s-%08x.work", temp_dir,
-                               basename(name), hash_of_folder(out));
+    int folder_length = -1, work_length = -1, link_length = -1;
+    if (copy != NULL && name != NULL) {
+        link_length = snprintf(files->link, sizeof files->link, "%s.work", out);
+        folder_length = snprintf(files->folder, sizeof files->folder, "%s",
+                                 temp_dir != NULL ? temp_dir : dirname(copy));
+        work_length = temp_dir != NULL
+                          ? snprintf(files->work, sizeof files->work, "%s/%s-%08x.work", temp_dir,
+                                     basename(name), hash_of_folder(out))
+                          : snprintf(files->work, sizeof files->work, "%s.work", out);
     }
     free(copy);
     free(name);
     if (folder_length < 0 || work_length < 0)
         return mn_fail(st, MN_FAILED, "out of memory for names");
-    if ((size_t)folder_length >= sizeof files->folder || (size_t)work_length >= sizeof files->work)
+    if ((size_t)folder_length >= sizeof files->folder ||
+        (size_t)work_length >= sizeof files->work || (size_t)link_length >= sizeof files->link)
         return mn_fail(st, MN_FAILED, "%.80s…: too long a name", out);
     return MN_OK;
+}
+
+mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, bool resume,
+                   mn_status *st) {
+    char kept[PATH_MAX];
+    *files = (temp_files){0};
+    if (name_folders(files, out, temp_dir, st) != MN_OK)
+        return st->code;
+    const bool linked = read_link(files->link, kept);
+    if (!linked)
+        snprintf(kept, sizeof kept, "%s", files->link);
+    if (resume && temp_dir == NULL && linked) { /* its --temp-dir, remembered */
+        char *copy = strdup(kept);
+        if (copy == NULL)
+            return mn_fail(st, MN_FAILED, "out of memory for names");
+        snprintf(files->folder, sizeof files->folder, "%s", dirname(copy));
+        snprintf(files->work, sizeof files->work, "%s", kept);
+        free(copy);
+    } else if (resume && temp_dir != NULL && holds_phase(kept) && !holds_phase(files->work)) {
+        return mn_fail(
+            st, MN_USAGE,
+            "%.200s: what was finished is kept in %.200s: leave out --temp-dir to go on there", out,
+            kept);
+    } else if (temp_dir == NULL) {
+        if (linked)
+            (void)unlink(files->link); /* of a build that is not gone on with */
+        files->link[0] = 0;
+    }
+    return MN_OK;
+}
+
+void temp_begin(const temp_files *files) {
+    char kept[PATH_MAX], *work = realpath(files->work, NULL);
+    if (files->link[0] != 0 && work != NULL) {
+        if (read_link(files->link, kept))
+            (void)unlink(files->link);
+        (void)!symlink(work,
+                       files->link); /* where that cannot be, --temp-dir must be given again */
+    }
+    free(work);
+}
+
+void temp_end(const temp_files *files) {
+    char kept[PATH_MAX];
+    if (files->link[0] != 0 && read_link(files->link, kept) && access(kept, F_OK) != 0)
+        (void)unlink(files->link);
 }
 
 /* What a build before this one has left in the folder of finished phases. */

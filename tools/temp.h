@@ -4,6 +4,7 @@
 #define METANODE_TEMP_H
 
 #include <limits.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "metanode/status.h"
@@ -11,13 +12,19 @@
 typedef struct temp_files {
     char folder[PATH_MAX];  /* for files without names: --temp-dir, or the output's */
     char work[PATH_MAX];    /* of the phases that are finished (mn_work): in there */
+    char link[PATH_MAX];    /* beside the output, where work is not: leads there */
     uint64_t planned_bytes; /* at most so many are thought to be needed */
     uint64_t held_bytes, peak_bytes;
     double looked_s; /* when that was */
 } temp_files;
 
-/* Chooses both folders; temp_dir may be NULL. MN_FAILED: a name that is too long. */
-mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, mn_status *st);
+/* Chooses both folders; temp_dir may be NULL: then who resumes goes on where the link leads.
+ * MN_USAGE: what is to be resumed lies somewhere else. MN_FAILED: a name that is too long. */
+mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, bool resume,
+                   mn_status *st);
+/* The work has been opened, or closed: makes the link, or removes it if it leads nowhere. */
+void temp_begin(const temp_files *files);
+void temp_end(const temp_files *files);
 /* MN_NO_SPACE where the folder's disk has less room than what is planned; what an earlier build has
  * kept counts as room. On a terminal that plan
  * is told, on standard error. out: for whose sake. */

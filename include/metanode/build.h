@@ -194,6 +194,9 @@ mn_phase mn_work_done(const mn_work *work);
 const char *mn_work_note(const mn_work *work);
 /* Removes the folder and what is in it. NULL is harmless. */
 void mn_work_close(mn_work *work);
+/* The same, but what is finished stays as after a kill: where a disk was full, and there may be
+ * room the next time. False: nothing is, so all has gone. */
+bool mn_work_leave(mn_work *work);
 
 /* ---- blocks ------------------------------------------------------------------------------- */
 

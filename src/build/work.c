@@ -364,3 +364,14 @@ void mn_work_close(mn_work *work) {
         (void)rmdir(work->path); /* while it is locked */
     release(work);
 }
+
+bool mn_work_leave(mn_work *work) {
+    mn_status ignored = {0};
+    if (mn_work_done(work) == MN_PHASE_NONE) {
+        mn_work_close(work);
+        return false;
+    }
+    (void)look_through(work, CLEAR, mn_work_done(work), &ignored);
+    release(work);
+    return true;
+}

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Goal: whenever a build is killed, there is no output or a whole one, and --resume ends with the same bytes,
-# whatever memory and threads it has; whenever it is interrupted or its disk fills, it leaves nothing.
+# whatever memory and threads it has; likewise when its disk fills; whenever it is interrupted, it leaves nothing.
 # Method: builds that are killed, interrupted, or robbed of their disk, at moments that a seed decides; and
 # killed right after each phase. MN_SEED replays the moments, as far as a clock can; TIMES is how many
 # kills (50).
@@ -43,7 +43,8 @@ resumed() {
     one_line "$1, resumed" work
     sed -nE 's/.*: (goes on after [a-z]+|[^:]*from the beginning)$/\1/p' "$err" >>notes
     check "$1, resumed $way: the same bytes" cmp whole.mnt "$2"
-    check "$1, resumed: no more than that" test "$(ls -A "$(dirname "$2")")" = "$(basename "$2")"
+    [[ $(dirname "$2") = . ]] || # among other files
+        check "$1, resumed: no more than that" test "$(ls -A "$(dirname "$2")")" = "$(basename "$2")"
 }
 
 kills() {
@@ -165,7 +166,7 @@ nohups() {
 
 # A disk with room enough when the build begins, which somebody else fills meanwhile.
 full_disks() {
-    local i planned
+    local i planned kept=0
     mkdir -p disk
     if ! mount -t tmpfs -o size=1m none disk 2>"$err"; then
         skip "no disk can be mounted ($(head -n 1 "$err"))"
@@ -175,27 +176,62 @@ full_disks() {
         one_line "a disk without room" out.mnt disk "MB are needed" "1.0 MB are free" --temp-dir
     check "a disk without room: nothing is left" test -z "$(ls -A disk)"
     umount disk
-    expect 0 planned build model.ply -o out.mnt --json
+    expect 0 planned build model.ply -o out.mnt --ram 16M --json
     planned=$(figures temp_bytes_planned)
     holds "the peak is within the plan" "$(figures temp_bytes_peak) <= $planned"
     rm out.mnt
-    for ((i = 0; i < times / 5; i++)); do
+    for ((i = 0; i < times / 3 + 4; i++)); do
         mount -t tmpfs -o "size=$((planned + (1 << 20)))" none disk
         begin build model.ply -o out.mnt --ram 16M --temp-dir disk
-        sleep "$(moment)"
+        if [[ $((i % 4)) -eq 0 ]]; then
+            sleep "$(moment)"
+        else # right after a phase
+            while kill -0 "$child" 2>/dev/null && ! compgen -G "disk/*.work/$((i % 4))-0" >/dev/null; do :; done
+        fi
         head -c "$((planned * 2))" /dev/zero >disk/full 2>/dev/null || true
         await
         if [[ $code -eq 0 ]]; then
             check "full disk $i: a whole output" cmp whole.mnt out.mnt
-            rm out.mnt
+            rm disk/full
         else
             check "full disk $i: exit $code" test "$code" -eq 4
             one_line "full disk $i" space
+            check "full disk $i: no output" test ! -e out.mnt
+            rm disk/full
+            if [[ -e out.mnt.work ]]; then # a phase was finished; what --temp-dir was is remembered
+                one_line "full disk $i" kept --resume
+                check "full disk $i: one folder is left" test "$(ls -A disk)" = "$(basename "$(readlink out.mnt.work)")"
+                check "full disk $i: only a state and its files" test "$(find disk -name '[0-9]-*' | sed 's/.*\///; s/-.*//' | sort -u | wc -l)" -eq 1
+                : >notes
+                resumed "full disk $i" out.mnt && kept=$((kept + 1))
+                check "full disk $i: it goes on" grep -q "goes on after" notes
+            fi
         fi
-        check "full disk $i: no output" test ! -e out.mnt
-        check "full disk $i: nothing is left" test "$(ls -A disk)" = full
+        check "full disk $i: nothing is left" test -z "$(ls -A disk)$(find . -maxdepth 1 -name out.mnt.work)"
+        rm -f out.mnt
         umount disk
     done
+    echo "    of the full disks $kept were gone on with"
+    check "some full disks are gone on with" test "$kept" -gt 0
+}
+
+# A --temp-dir that is forgotten is remembered; one that holds nothing is refused.
+elsewhere() {
+    rm -rf here temp && mkdir here temp other
+    begin build model.ply -o here/out.mnt --temp-dir temp
+    while kill -0 "$child" 2>/dev/null && ! compgen -G "temp/out.mnt-*.work/state" >/dev/null; do :; done
+    kill -KILL "$child" 2>/dev/null || true
+    await
+    if ! compgen -G "temp/out.mnt-*.work/state" >/dev/null; then
+        skip "elsewhere: it was over before it could be killed"
+        return 0
+    fi
+    expect 2 "another --temp-dir" build model.ply -o here/out.mnt --resume --temp-dir other &&
+        one_line "another --temp-dir" here/out.mnt kept temp/out.mnt --temp-dir
+    : >notes
+    resumed "elsewhere" here/out.mnt
+    check "elsewhere: it goes on" grep -q "goes on after" notes
+    check "elsewhere: nothing is left" test -z "$(find temp other -mindepth 1)"
 }
 
 expect 0 model make terrain --triangles 60000 -o model.ply || finish
@@ -210,4 +246,5 @@ part refusals
 part interrupts
 part nohups
 part full_disks
+part elsewhere
 finish

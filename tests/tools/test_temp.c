@@ -20,7 +20,7 @@ static temp_files files;
 
 static void place(const char *out, const char *temp_dir) {
     mn_status st = {0};
-    ck_assert_msg(temp_place(&files, out, temp_dir, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(temp_place(&files, out, temp_dir, false, &st) == MN_OK, "%s", st.text);
 }
 
 START_TEST(places) {
@@ -45,9 +45,9 @@ START_TEST(places) {
     mn_status st = {0};
     memset(much, 'x', 2 * PATH_MAX - 1);
     much[2 * PATH_MAX - 1] = 0;
-    ck_assert_int_eq(temp_place(&files, much, NULL, &st), MN_FAILED);
+    ck_assert_int_eq(temp_place(&files, much, NULL, false, &st), MN_FAILED);
     st = (mn_status){0};
-    ck_assert_int_eq(temp_place(&files, "out.mnt", much, &st), MN_FAILED);
+    ck_assert_int_eq(temp_place(&files, "out.mnt", much, false, &st), MN_FAILED);
     free(much);
 }
 END_TEST
