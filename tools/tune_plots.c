@@ -15,7 +15,7 @@
 /* Levels are warm and dashed, packed cold and whole; darker: more levels, more bytes. */
 static const char *const warm[] = {"#fdb863", "#e08214", "#b2182b", "#762a83",
                                    "#d6604d", "#8c510a", "#bf812d", "#67001f"};
-static const char *const cold[] = {"#66c2a5", "#1b9e77", "#2166ac", "#4393c3",
+static const char *const cold[] = {"#66c2a5", "#1b9e77", "#2166ac", "#00b4d8",
                                    "#053061", "#5aae61", "#00441b", "#35978f"};
 static const double ERROR_SHOWN_PX = 1000; /* what is larger is drawn there */
 
@@ -23,15 +23,20 @@ enum { COLORS = sizeof warm / sizeof warm[0], HEAT_COLUMN_PX = 62, PANEL_PX = 52
 
 typedef struct quantity {
     const char *name, *title, *axis;
-    bool logarithmic;
+    const char *scale; /* of the axis: gnuplot's */
 } quantity;
 enum { MISSES, ERROR, TIME, CURVES, TRIANGLES = CURVES, QUANTITIES }; /* curves of the first */
 
+/* Logarithms; but what may be 0 has a scale of roots, whose tics must be named. */
+#define LOGARITHMS "set logscale y 10"
+#define ROOTS                                                                                      \
+    "set nonlinear y via sqrt(y) inverse y*y\nset yrange [0:1<*]\n"                                \
+    "set ytics (0, 0.1, 0.5, 1, 2, 5, 10, 20, 50, 100)"
 static const quantity quantities[QUANTITIES] = {
-    {"misses", "misses of all that was wanted", "missed, %", false},
-    {"error", "error on the screen, 95 % of the frames", "error, pixels", true},
-    {"time", "Navigate, 99 % of the frames", "ms a frame", false},
-    {"triangles", "triangles that are drawn", "thousands of triangles, mean", false},
+    {"misses", "misses of all that was wanted", "missed, %", ROOTS},
+    {"error", "error on the screen, 95 % of the frames", "error, pixels", LOGARITHMS},
+    {"time", "Navigate, 99 % of the frames", "ms a frame", LOGARITHMS},
+    {"triangles", "triangles that are drawn", "thousands of triangles, mean", LOGARITHMS},
 };
 
 static double value_of(const tune *t, const tune_cell *c, int which) {
@@ -110,7 +115,11 @@ static size_t points_of(const tune *t, uint32_t layout, uint32_t cap, uint32_t p
             out[n++] = c;
     }
     qsort(out, n, sizeof *out, by_k);
-    return n;
+    size_t kept = 0; /* min may be as many as a share */
+    for (size_t i = 0; i < n; i++)
+        if (kept == 0 || by_k(&out[kept - 1], &out[i]) != 0)
+            out[kept++] = out[i];
+    return kept;
 }
 
 static double resident_value(const tune *t, uint32_t path, int which) {
@@ -201,8 +210,7 @@ static bool curves(const tune *t, uint32_t path, mn_prefetch rule, int which, FI
             "set logscale x 2\nset format x '%%g'\nset xtics rotate by -35\n"
             "set offsets graph 0.04, graph 0.04, 0, 0\nset ylabel '%s%s'\n%s\n"
             "set tmargin at screen 0.88\nset bmargin at screen 0.19\n",
-            q->axis, which == ERROR ? " (1000: that, or more)" : "",
-            q->logarithmic ? "set logscale y 10" : "set yrange [0:*]");
+            q->axis, which == ERROR ? " (1000: that, or more)" : "", q->scale);
     fprintf(f,
             "unset key\nset lmargin at screen 0.07\nset rmargin at screen 0.42\n"
             "set xlabel 'memory of the place holders, %s'\n",
@@ -233,7 +241,7 @@ static const tune_cell *cell_at(const tune *t, uint32_t layout, uint32_t cap, ui
 /* Text of a square. */
 static void square(double value, int which, char *text, size_t room) {
     if (isnan(value))
-        snprintf(text, room, "none");
+        snprintf(text, room, "failed");
     else if (which == ERROR && value >= ERROR_SHOWN_PX)
         snprintf(text, room, "≥1000");
     else
@@ -275,10 +283,10 @@ static void heat_axes(const tune *t, FILE *f) {
     comma = "";
     for (uint32_t cap = 0; cap < t->o.caps; cap++)
         for (uint32_t p = 0; p < t->o.places_count; p++, comma = ", ") {
-            if (t->o.cap[cap] == 0)
-                snprintf(name, sizeof name, "%s", t->o.places[p].text);
-            else if (t->o.places[p].kind == TUNE_FROM_CAP)
+            if (t->o.places[p].kind == TUNE_FROM_CAP)
                 snprintf(name, sizeof name, "%.4gM", (double)t->o.cap[cap] / 1048576);
+            else if (t->o.caps == 1)
+                snprintf(name, sizeof name, "%s", t->o.places[p].text);
             else
                 snprintf(name, sizeof name, "%s\\n%.4gM", t->o.places[p].text,
                          (double)t->o.cap[cap] / 1048576);
@@ -294,17 +302,21 @@ static bool heat(const tune *t, uint32_t path, mn_prefetch rule, FILE *f) {
         return false;
     for (int which = 0; which < QUANTITIES; which++)
         heat_data(t, path, rule, which, f);
-    snprintf(title, sizeof title, "%s: layouts and place holders (prefetch %s)",
-             t->o.path[path].label, tune_prefetch_name(rule));
+    char cap[40] = "";
+    if (t->o.caps == 1 && t->o.cap[0] > 0)
+        snprintf(cap, sizeof cap, ", under %.4g MB", (double)t->o.cap[0] / 1048576);
+    snprintf(title, sizeof title, "%s: layouts and place holders (prefetch %s%s)",
+             t->o.path[path].label, tune_prefetch_name(rule), cap);
     open_script(f, title, 2, QUANTITIES / 2);
     fputs("unset grid\nunset key\nunset colorbox\nset tics scale 0\n"
           "set palette defined (0 '#f7fbff', 0.5 '#c6dbef', 1 '#6baed6')\n",
           f);
     heat_axes(t, f);
-    fprintf(f, "set xlabel '%s'\n",
-            t->o.places[0].kind == TUNE_FROM_CAP ? "cap"
-                                                 : "place holders: share of the smallest file, "
-                                                   "or number");
+    fprintf(f, "set xlabel '%s' offset 0,%g\n",
+            t->o.places[0].kind == TUNE_FROM_CAP
+                ? "cap"
+                : "place holders: a share of the smallest file, or their number",
+            t->o.caps > 1 ? -0.7 : 0.0);
     for (int which = 0; which < QUANTITIES; which++)
         fprintf(f,
                 "set title '%s%s'\nplot $%s using 1:2:3 with image pixels, '' using 1:2:4 with "
@@ -321,21 +333,26 @@ static bool heat(const tune *t, uint32_t path, mn_prefetch rule, FILE *f) {
 
 /* ---- files, and prefetch rules --------------------------------------------------------------- */
 
-/* Bars with their values; data: index, value, name. */
-static void bars(FILE *f, const char *data, const char *title, const char *format,
-                 bool logarithmic) {
+/* What stands on a bar, or beside it: three digits. */
+static void bar(FILE *f, unsigned at, double value, const char *color, const char *name) {
+    char text[16] = "";
+    if (isfinite(value))
+        snprintf(text, sizeof text, value >= 100 ? "%.0f" : "%.3g", value);
+    fprintf(f, "%u", at);
+    number(f, value);
+    fprintf(f, " %lu \"%s\" \"%s\"\n", strtoul(color + 1, NULL, 16), name, text);
+}
+
+/* Of such data. */
+static void bars(FILE *f, const char *data, const char *title, bool logarithmic) {
     fprintf(f, "set title '%s'\n%s\n", title,
             logarithmic
                 ? "set logscale y 10\nset yrange [*:*]\nset offsets 0.6, 0.6, graph 0.15, 0"
                 : "unset logscale y\nset yrange [0:*]\nset offsets 0.6, 0.6, graph 0.12, 0");
     fprintf(f,
-            "plot %s using 1:2:3:xtic(4) with boxes lc rgb variable, '' using 1:2:(sprintf('%s', "
-            "$2)) with labels offset 0,0.7 font ',10'\n",
-            data, format);
-}
-
-static unsigned color_number(const char *color) {
-    return (unsigned)strtoul(color + 1, NULL, 16);
+            "plot %s using 1:2:3:xtic(4) with boxes lc rgb variable, '' using 1:2:5 with labels "
+            "offset 0,0.7 font ',9'\n",
+            data);
 }
 
 static bool files(const tune *t, FILE *f) {
@@ -348,10 +365,9 @@ static bool files(const tune *t, FILE *f) {
             if (l->code != MN_OK)
                 continue;
             name_of(l, name, sizeof name);
-            fprintf(f, "%u", i);
-            number(f,
-                   which == 0 ? (double)l->header.file_bytes / 1048576 : 100 * l->header.fill_mean);
-            fprintf(f, " %u \"%s\"\n", color_number(color_of(t, i)), name);
+            bar(f, i,
+                which == 0 ? (double)l->header.file_bytes / 1048576 : 100 * l->header.fill_mean,
+                color_of(t, i), name);
         }
         fputs("END\n", f);
     }
@@ -359,9 +375,9 @@ static bool files(const tune *t, FILE *f) {
     fputs("unset key\nset boxwidth 0.7\nset style fill solid 0.85 border lc rgb '#555555'\n"
           "set xtics rotate by -35\nset ylabel 'MB'\n",
           f);
-    bars(f, names[0], "size of the file, MB", "%.3g", true);
+    bars(f, names[0], "size of the file, MB", true);
     fputs("set ylabel '%'\n", f);
-    bars(f, names[1], "fill: payload of a place holder, %", "%.0f", false);
+    bars(f, names[1], "fill: payload of a place holder, %", false);
     fputs("unset multiplot\n", f);
     return true;
 }
@@ -379,10 +395,10 @@ static bool rules(const tune *t, const tune_findings *found, FILE *f) {
             for (uint32_t r = 0; r < t->o.prefetches; r++, at++) {
                 const mn_prefetch rule = t->o.prefetch[r];
                 const tune_cell *c = cell_at(t, best->layout, best->cap, best->places, path, rule);
-                fprintf(f, "%u", at);
-                number(f, c == NULL ? NAN : value_of(t, c, which));
-                fprintf(f, " %u \"%s, %s\"\n", color_number(colors[rule]), t->o.path[path].label,
-                        tune_prefetch_name(rule));
+                char name[PATH_MAX + 16];
+                snprintf(name, sizeof name, "%s, %s", t->o.path[path].label,
+                         tune_prefetch_name(rule));
+                bar(f, at, c == NULL ? NAN : value_of(t, c, which), colors[rule], name);
             }
         fputs("END\n", f);
     }
@@ -396,7 +412,7 @@ static bool rules(const tune *t, const tune_findings *found, FILE *f) {
           f);
     for (int which = 0; which < CURVES; which++) {
         snprintf(name, sizeof name, "$%s", quantities[which].name);
-        bars(f, name, quantities[which].axis, "%.3g", false);
+        bars(f, name, quantities[which].axis, false);
     }
     fputs("unset multiplot\n", f);
     return true;
@@ -510,7 +526,7 @@ static mn_code of_all(const tune *t, tune_plots *p, const tune_findings *found, 
     FILE *f = open_memstream(&script, &bytes);
     if (f == NULL)
         return mn_fail(st, MN_FAILED, "tune: no memory for a plot");
-    tune_plot plot = {.width = 2 * PANEL_PX + 160, .height = 400};
+    tune_plot plot = {.width = 2 * PANEL_PX + (of_files ? 160 : 360), .height = 400};
     const bool drawn = of_files ? files(t, f) : rules(t, found, f);
     fclose(f);
     snprintf(plot.name, sizeof plot.name, "%s", of_files ? "files" : "rules");

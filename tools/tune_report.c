@@ -205,10 +205,11 @@ static void settings(const tune *t, FILE *f) {
     }
     fputs("</tr>\n<tr><td>flown<td style='text-align:left'>", f);
     fprintf(f,
-            "%s frames a second, picture %s, tolerance %s px, degrading %s, from %s, times of the "
+            "%s frames a second, picture %s, tolerance %s px, degrading %s, frames begin with %s, "
+            "times of the "
             "%s</tr>",
             o->fps, o->size, o->tolerance, o->degrade,
-            strcmp(o->open, "roots") == 0 ? "the roots" : "a first picture that is there",
+            strcmp(o->open, "roots") == 0 ? "the roots" : "what the first picture needs",
             o->want.cpu ? "processor" : "clock");
     fputs("\n</table>\n<p>Each cell is a process of its own (<code>replay --paced --open "
           "settled</code>), "
