@@ -171,6 +171,7 @@ static void json_frames(json *j, const replay_figures *f) {
     json_f64(j, "nav_ms_p50", spread_quantile(&f->nav_ms, 0.5));
     json_f64(j, "nav_ms_p99", spread_quantile(&f->nav_ms, 0.99));
     json_f64(j, "nav_ms_max", f->nav_ms.max);
+    json_f64(j, "nav_cpu_ms_mean", spread_mean(&f->nav_cpu_ms));
     json_f64(j, "nav_cpu_ms_p50", spread_quantile(&f->nav_cpu_ms, 0.5));
     json_f64(j, "nav_cpu_ms_p99", spread_quantile(&f->nav_cpu_ms, 0.99));
     json_f64(j, "nav_cpu_ms_max", f->nav_cpu_ms.max);

@@ -35,7 +35,6 @@ typedef struct mni_trace_ring {
     /* producer only */
     uint64_t tail_seen; /* the tail is at least there */
     uint64_t ns;        /* of the last event whose time was taken */
-    uint32_t often;     /* events since then */
     uint32_t absent;    /* block of the last MN_TRACE_ABSENT */
     bool rehearses;
     _Alignas(64) _Atomic uint64_t head; /* producer releases, consumer acquires */
@@ -43,8 +42,9 @@ typedef struct mni_trace_ring {
     _Alignas(64) _Atomic uint64_t tail; /* consumer releases, producer acquires */
 } mni_trace_ring;
 
-/* The calling thread's ring; NULL: it has none. */
-extern _Thread_local mni_trace_ring *mni_trace_mine;
+/* The calling thread's ring; NULL: it has none. Of the program, not of what it loads: one look, and
+ * no call that would find it. */
+extern _Thread_local mni_trace_ring *mni_trace_mine __attribute__((tls_model("initial-exec")));
 
 static inline bool mni_trace_on(void) {
     return __builtin_expect(mni_trace_mine != NULL, 0);
@@ -53,7 +53,7 @@ static inline bool mni_trace_on(void) {
 void mni_trace_put(mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b);
 /* For what happens every few hundred nanoseconds: takes the time of one event in 16, the others
  * have that one's. */
-void mni_trace_put_often(mn_trace_kind kind, uint32_t a);
+void mni_trace_put_often(mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b);
 /* A miss, for want of the block that was absent last; bad: of one that contradicts its parent. */
 void mni_trace_put_miss(uint32_t aux, bool bad);
 
@@ -66,10 +66,15 @@ void mni_trace_put_miss(uint32_t aux, bool bad);
 #define MNI_TRACE_OFTEN(kind, a)                                                                   \
     do {                                                                                           \
         if (mni_trace_on())                                                                        \
-            mni_trace_put_often(kind, a);                                                          \
+            mni_trace_put_often(kind, 0, a, 0);                                                    \
     } while (0)
-#define MNI_TRACE_COUNT(counter, value) /* value: uint64_t */                                      \
-    MNI_TRACE(MN_TRACE_COUNT, counter, (uint32_t)(value), (uint32_t)((uint64_t)(value) >> 32))
+/* value: uint64_t. At the time of the event before it. */
+#define MNI_TRACE_COUNT(counter, value)                                                            \
+    do {                                                                                           \
+        if (mni_trace_on())                                                                        \
+            mni_trace_put_often(MN_TRACE_COUNT, counter, (uint32_t)(value),                        \
+                                (uint32_t)((uint64_t)(value) >> 32));                              \
+    } while (0)
 #define MNI_TRACE_MISS(aux, bad)                                                                   \
     do {                                                                                           \
         if (mni_trace_on())                                                                        \

@@ -49,7 +49,7 @@ ticks() {
 
 "$metanode" make sphere --triangles 60000 -o a.ply >out.txt 2>err.txt &&
     "$metanode" build a.ply -o a.mnt >>out.txt 2>>err.txt || fail "no model"
-"$metanode" view a.mnt --ram 16M --tolerance 3 --size 400x300 >out.txt 2>err.txt &
+"$metanode" view a.mnt --ram 16M --tolerance 3 --size 400x300 --trace a.trace >out.txt 2>err.txt &
 viewer=$!
 for _ in $(seq 300); do
     window=$(xdotool search --name '^a.mnt: ' 2>/dev/null | head -1)
@@ -114,4 +114,6 @@ wait $viewer
 code=$?
 viewer=
 [ $code -eq 0 ] || fail "exit $code"
+"$metanode" trace a.trace >report.txt 2>>err.txt || fail "no trace"
+grep -q ' 0 splits' report.txt && fail "a trace of nothing"
 [ ! -s err.txt ] || fail "errors are said"
