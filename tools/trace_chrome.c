@@ -28,6 +28,7 @@ typedef struct chrome {
     bool inside;   /* of the frames that are wanted */
     bool in_frame; /* slices of a frame and of a phase are open */
     bool in_phase;
+    mn_trace_event frame, phase; /* that began them */
     bool first;
     uint32_t flows; /* ids given out */
     uint64_t ns;    /* of the last event written */
@@ -78,25 +79,40 @@ static void counter(chrome *c, const char *name, uint64_t ns, int values,
 
 /* ---- frames ---------------------------------------------------------------------------------- */
 
-static void end_slice(chrome *c, uint64_t ns) {
-    begin(c, "E", MN_TRACE_NAVIGATE, ns);
-    fputc('}', c->out);
+/* B or E; some viewers join them by their names. */
+static void frame_edge(chrome *c, const char *phase, uint64_t ns) {
+    begin(c, phase, MN_TRACE_NAVIGATE, ns);
+    fprintf(c->out, ",\"name\":\"%s %" PRIu32 "\"}", trace_round_names[c->frame.aux], c->frame.a);
+    c->in_frame = phase[0] == 'B';
+}
+
+static void phase_edge(chrome *c, const char *phase, uint64_t ns) {
+    begin(c, phase, MN_TRACE_NAVIGATE, ns);
+    fprintf(c->out, ",\"name\":\"%s\"}", trace_phase_names[c->phase.aux]);
+    c->in_phase = phase[0] == 'B';
+}
+
+/* Of both, as far as they are open. */
+static void edges_end(chrome *c, uint64_t ns) {
+    if (c->in_phase)
+        phase_edge(c, "E", ns);
+    if (c->in_frame)
+        frame_edge(c, "E", ns);
 }
 
 static void frame_begin(chrome *c, const mn_trace_event *e) {
-    begin(c, "B", MN_TRACE_NAVIGATE, e->ns);
-    fprintf(c->out, ",\"name\":\"%s %" PRIu32 "\"}", trace_round_names[e->aux], e->a);
-    c->in_frame = true;
+    edges_end(c, e->ns); /* what ended it did not fit */
+    c->frame = *e;
+    frame_edge(c, "B", e->ns);
 }
 
 static void phase_begin(chrome *c, const mn_trace_event *e) {
     if (!c->in_frame)
         return;
     if (c->in_phase)
-        end_slice(c, e->ns);
-    begin(c, "B", MN_TRACE_NAVIGATE, e->ns);
-    fprintf(c->out, ",\"name\":\"%s\"}", trace_phase_names[e->aux]);
-    c->in_phase = true;
+        phase_edge(c, "E", e->ns);
+    c->phase = *e;
+    phase_edge(c, "B", e->ns);
 }
 
 static void frame_end(chrome *c, const mn_trace_event *e) {
@@ -111,10 +127,7 @@ static void frame_end(chrome *c, const mn_trace_event *e) {
                                   tolerance[] = {MN_TRACE_N_TOLERANCE};
     if (!c->in_frame)
         return;
-    if (c->in_phase)
-        end_slice(c, e->ns);
-    end_slice(c, e->ns);
-    c->in_frame = c->in_phase = false;
+    edges_end(c, e->ns);
     counter(c, "moves", e->ns, 2, moves);
     counter(c, "misses", e->ns, 4, misses);
     counter(c, "front", e->ns, 2, front);
@@ -275,10 +288,7 @@ static void event(chrome *c, const mn_trace_event *e) {
 /* What is still open ends with the last event. */
 static void close_open(chrome *c) {
     mn_trace_event e = {.ns = c->ns, .thread = MN_TRACE_IO};
-    if (c->in_phase)
-        end_slice(c, c->ns);
-    if (c->in_frame)
-        end_slice(c, c->ns);
+    edges_end(c, c->ns);
     for (uint32_t i = 0; i < c->blocks.count && i < c->flow_room; i++) {
         e.a = c->blocks.id[i];
         read_edge(c, &c->flow[i], &e, false);

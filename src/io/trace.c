@@ -25,9 +25,10 @@
 #include "mem.h"
 
 enum {
-    /* A frame of 30,000 splits in 10 ms fills half of it in 5: the writer has that long. */
+    /* Half of it are some 5 ms of splits and nothing else: the writer has that long. */
     NAVIGATE_EVENTS = 1 << 15,
     IO_EVENTS = 1 << 13,
+    ROOMY = 8, /* times that, where memory has no cap: 40 ms, so that a busy machine drops none */
     OFTEN = 64,
     FETCHED = 16, /* events: 4 lines of the cache */
     PAUSE_NS = 100 * 1000 * 1000,
@@ -210,14 +211,19 @@ void mni_trace_drain(mni_trace *t) {
 
 /* ---- open and close -------------------------------------------------------------------------- */
 
-static size_t arena_bytes(void) {
-    return mni_arena_need(1, sizeof(mni_trace), _Alignof(mni_trace)) +
-           mni_arena_need(NAVIGATE_EVENTS, sizeof(mni_trace_event), 64) +
-           mni_arena_need(IO_EVENTS, sizeof(mni_trace_event), 64);
+static uint32_t events_max(mn_trace_thread thread, bool capped) {
+    return (thread == MN_TRACE_NAVIGATE ? NAVIGATE_EVENTS : IO_EVENTS) * (capped ? 1 : ROOMY);
 }
 
-size_t mni_trace_need_bytes(void) {
-    return arena_bytes() + THREAD_STACK_BYTES;
+static size_t arena_bytes(bool capped) {
+    size_t sum = mni_arena_need(1, sizeof(mni_trace), _Alignof(mni_trace));
+    for (uint32_t i = 0; i < MN_TRACE_THREADS; i++)
+        sum += mni_arena_need(events_max(i, capped), sizeof(mni_trace_event), 64);
+    return sum;
+}
+
+size_t mni_trace_need_bytes(bool capped) {
+    return arena_bytes(capped) + THREAD_STACK_BYTES;
 }
 
 static void write_head(mni_trace *t, const mn_trace_info *info) {
@@ -273,16 +279,16 @@ static mn_code start(mni_trace *t, mn_status *st) {
 
 mn_code mni_trace_open(const char *path, const mn_trace_info *info, mni_trace **out,
                        mn_status *st) {
-    static const uint32_t max[MN_TRACE_THREADS] = {NAVIGATE_EVENTS, IO_EVENTS};
+    const bool capped = info->ram_cap_bytes > 0;
     mni_arena arena;
     *out = NULL;
-    mn_code code = mni_arena_open(&arena, arena_bytes(), st);
+    mn_code code = mni_arena_open(&arena, arena_bytes(capped), st);
     if (code != MN_OK)
         return code;
     mni_trace *t = mni_arena_take(&arena, 1, sizeof *t, _Alignof(mni_trace));
-    for (int i = 0; i < MN_TRACE_THREADS; i++) {
-        t->ring[i].event = mni_arena_take(&arena, max[i], sizeof(mni_trace_event), 64);
-        t->ring[i].max = max[i];
+    for (uint32_t i = 0; i < MN_TRACE_THREADS; i++) {
+        t->ring[i].max = events_max(i, capped);
+        t->ring[i].event = mni_arena_take(&arena, t->ring[i].max, sizeof(mni_trace_event), 64);
         t->ring[i].trace = t;
     }
     t->arena = arena;

@@ -98,7 +98,7 @@ static inline mni_trace_ring *mni_trace_swap(mni_trace_ring *ring) {
 /* A simulated disk's clock has moved: that of the calling thread's trace is the same. */
 void mni_trace_clock(uint64_t ns);
 
-size_t mni_trace_need_bytes(void);
+size_t mni_trace_need_bytes(bool capped); /* is memory bounded (info->ram_cap_bytes)? */
 /* Makes the file, and the thread that writes it where the clock is real. info: copied, but for
  * ring_events, which open fills in. */
 mn_code mni_trace_open(const char *path, const mn_trace_info *info, mni_trace **out, mn_status *st);

@@ -178,7 +178,8 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
                        "a target of triangles moves the tolerance, which is to stand "
                        "still (--degrade off)");
     }
-    const uint64_t trace_bytes = desc->trace_path != NULL ? mni_trace_need_bytes() : 0;
+    const uint64_t trace_bytes =
+        desc->trace_path != NULL ? mni_trace_need_bytes(desc->ram_bytes > 0) : 0;
     mni_ram_plan_desc plan = {desc->ram_bytes, desc->base_bytes + trace_bytes, desc->k,
                               desc->front_max};
     mn_code code = mn_header_read(desc->path, &s->header, st);

@@ -57,6 +57,13 @@ while read -r run; do
     mv out.txt replay.json
     expect 0 trace a.trace --json
     mv out.txt trace.json
+    # A machine too busy for the writer drops events, and says so: never with the simulated disk.
+    if [ "$("$json" dropped <trace.json)" -gt 0 ]; then
+        case $run in
+        *sim*) fail "$run: events were dropped" ;;
+        *) echo "skipped: $run: events were dropped" && continue ;;
+        esac
+    fi
     same frames misses miss_rate_mean miss_rate_overall refused_front refused_budget refused_pool \
         k commands_loaded commands_resident commands_given_up commands_failed reads second_chances \
         prefetches prefetches_given_up prefetches_loaded prefetches_used urgent_up urgent_down \
@@ -64,7 +71,7 @@ while read -r run; do
     for key in splits collapses; do
         [ "$(sum $key)" = "$("$json" $key <trace.json)" ] || fail "$run: $key differ"
     done
-    for key in dropped levels_differ moves_differ; do
+    for key in levels_differ moves_differ; do
         [ "$("$json" $key <trace.json)" = 0 ] || fail "$run: $key is not 0"
     done
     [ "$("$json" reads <trace.json)" -gt 0 ] || fail "$run: nothing was read"
