@@ -119,7 +119,7 @@ for window in "" "--from-frame 5" "--from-frame 5 --to-frame 20" "--to-frame 3";
     wrong=$(flows a.json)
     [ -z "$wrong" ] || fail "chrome $window: $wrong"
 done
-[ "$(grep -c '"name":"frame ' a.json)" -eq 4 ] || fail "--to-frame 3 is not four frames"
+[ "$(grep -c '"ph":"B".*"name":"frame ' a.json)" -eq 4 ] || fail "--to-frame 3 is not four frames"
 expect 0 trace a.trace --to csv --from-frame 7 --to-frame 9 -o a.csv
 [ "$(grep -c ',frame_begin,' a.csv)" -eq 3 ] || fail "csv: not three frames"
 [ "$(awk -F, 'NF != 6' a.csv | wc -l)" -eq 0 ] || fail "csv: rows of other than 6 columns"
