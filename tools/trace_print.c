@@ -55,7 +55,8 @@ static void text_head(const trace_report *r, FILE *out) {
         mn_trace_dropped(r->file, MN_TRACE_NAVIGATE) + mn_trace_dropped(r->file, MN_TRACE_IO);
     fprintf(out, "trace      %" PRIu64 " events of Navigate, %" PRIu64 " of I/O",
             mn_trace_events(r->file, MN_TRACE_NAVIGATE), mn_trace_events(r->file, MN_TRACE_IO));
-    fprintf(out, dropped > 0 ? "; %" PRIu64 " DID NOT FIT, so sums are too low" : "", dropped);
+    if (dropped > 0)
+        fprintf(out, "; %" PRIu64 " DID NOT FIT, so sums are too low", dropped);
     fputs(mn_trace_is_cut(r->file) ? "; it ends before its end\n" : "\n", out);
     fprintf(out, "run        %" PRIu64 " frames in %.3f s%s\n", r->frames, seconds(r),
             i->clock == MN_TRACE_VIRTUAL ? " of the simulated disk" : "");
