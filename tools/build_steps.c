@@ -180,8 +180,10 @@ mn_code build_make(build_steps *b) {
 mn_code build_open(build_steps *b) {
     const mn_watch watch = {progress, b};
     const bool vdt = mn_tree_is_vdt(b->in);
-    mn_code code = vdt ? mn_vdt_open(b->in, &watch, &b->vdt, &b->st)
-                       : mn_tree_load(b->in, &watch, &b->tree, &b->st);
+    mn_code code = vdt ? MN_OK : mn_tree_fits(b->in, MN_TREE_BLOCK, b->ram_bytes, &b->st);
+    if (code == MN_OK)
+        code = vdt ? mn_vdt_open(b->in, &watch, &b->vdt, &b->st)
+                   : mn_tree_load(b->in, &watch, &b->tree, &b->st);
     if (code != MN_OK)
         return code;
     b->head = vdt ? mn_vdt_head(b->vdt) : &b->tree;

@@ -4,7 +4,7 @@
 static const char help[] =
     "usage: metanode block IN.vdt -o OUT.mnt [OPTION …]\n\n"
     "The second half of build: cuts a tree that metanode simplify has made into blocks.\n"
-    "(One that a .mnt holds, too, in memory: 150 bytes a vertex.)\n\n"
+    "(One that a .mnt holds, too, in memory: 170 bytes a vertex, or it is refused.)\n\n"
     "  -o FILE               the .mnt; what stood there stays until the new one is whole\n"
     "  --ram SIZE            cap for the whole process; default: half of the memory, or of\n"
     "                        what the cgroup allows\n"

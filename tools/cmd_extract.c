@@ -3,6 +3,7 @@
 
 #include <stdio.h>
 
+#include "host.h"
 #include "json.h"
 #include "metanode/build.h"
 
@@ -14,14 +15,20 @@ static const char help[] =
     "  --error E       the coarsest front on which no node's switch value exceeds E, a length in\n"
     "                  model units\n"
     "  -o FILE         what stood there stays until the new one is whole\n"
+    "  --ram SIZE      cap for the whole process, which holds the tree and the mesh, 150 bytes a\n"
+    "                  vertex, or with --error 190; where that does not fit it is refused.\n"
+    "                  Default: half of the memory, or of what the cgroup allows\n"
     "  --json          figures as one JSON object\n";
 
-static mn_code extract(const char *in, const char *out, const mn_extract_desc *desc, bool as_json,
-                       mn_status *st) {
+static mn_code extract(const char *in, const char *out, const mn_extract_desc *desc,
+                       uint64_t ram_bytes, bool as_json, mn_status *st) {
     mn_tree tree;
     mn_mesh mesh;
     cli_meter meter = {0};
-    mn_code code = mn_tree_load(in, CLI_WATCH(&meter), &tree, st);
+    const mn_tree_use use = desc->what == MN_EXTRACT_ERROR ? MN_TREE_SETTLE : MN_TREE_EXTRACT;
+    mn_code code = mn_tree_fits(in, use, ram_bytes, st);
+    if (code == MN_OK)
+        code = mn_tree_load(in, CLI_WATCH(&meter), &tree, st);
     cli_progress_end(&meter);
     if (code != MN_OK)
         return code;
@@ -47,6 +54,7 @@ static mn_code extract(const char *in, const char *out, const mn_extract_desc *d
 int cmd_extract(int argc, char **argv) {
     mn_extract_desc desc = {0};
     const char *out = NULL;
+    uint64_t ram_bytes = host_default_ram_bytes();
     bool full = false, as_json = false, done;
     int by_count = 0, by_error = 0;
     const cli_flag flags[] = {
@@ -63,6 +71,7 @@ int cmd_extract(int argc, char **argv) {
          .wants = "a length",
          .given = &by_error},
         CLI_OUTPUT(&out),
+        CLI_SIZE("ram", &ram_bytes, 1, UINT64_MAX, "a size like 64M"),
         CLI_SWITCH("json", &as_json),
         {0},
     };
@@ -81,6 +90,6 @@ int cmd_extract(int argc, char **argv) {
     if (cli_output("extract", out, argv[optind]) != MN_OK)
         return MN_USAGE;
     mn_status st = {0};
-    extract(argv[optind], out, &desc, as_json, &st);
+    extract(argv[optind], out, &desc, ram_bytes, as_json, &st);
     return cli_status(&st);
 }

@@ -9,7 +9,7 @@
 #include "metanode/build.h"
 
 static const char help[] =
-    "usage: metanode verify FILE [--against IN] [--weld on|off] [--json]\n\n"
+    "usage: metanode verify FILE [--against IN] [--ram SIZE] [--weld on|off] [--json]\n\n"
     "Reads the whole .mnt or .vdt: checksums, places, structure inside blocks and across them, "
     "and\n"
     "that the header counts what is there. Exit 3 and one line for the first thing that is "
@@ -19,6 +19,9 @@ static const char help[] =
     "                  must be one of its edges\n"
     "  --weld on|off   as the file was built; without it, the one that gives as many vertices\n"
     "  --reader own|openmesh\n"
+    "  --ram SIZE      cap for the whole process, which holds the tree, 120 bytes a vertex, and\n"
+    "                  with --against both meshes and their edges, 430; where that does not fit\n"
+    "                  it is refused. Default: half of the memory, or of what the cgroup allows\n"
     "  --json          figures as one JSON object\n";
 
 static const char *const reader_names[] = {"own", "openmesh", NULL};
@@ -81,11 +84,13 @@ static void report(const char *file, const char *against, const mn_verify_result
 int cmd_verify(int argc, char **argv) {
     const char *against = NULL;
     int weld = -1, reader = 0;
+    uint64_t ram_bytes = host_default_ram_bytes();
     bool as_json = false, done;
     const cli_flag flags[] = {
         CLI_TEXT("against", &against),
         CLI_CHOICE("weld", &weld, cli_on_off, "on or off"),
         CLI_CHOICE("reader", &reader, reader_names, "own or openmesh"),
+        CLI_SIZE("ram", &ram_bytes, 1, UINT64_MAX, "a size like 64M"),
         CLI_SWITCH("json", &as_json),
         {0},
     };
@@ -97,13 +102,14 @@ int cmd_verify(int argc, char **argv) {
     const char *file = argv[optind];
     cli_meter meter = {0};
     mn_read_desc desc = {.reader = (mn_reader)reader,
-                         .ram_bytes = host_default_ram_bytes(),
+                         .ram_bytes = ram_bytes,
                          .progress = cli_progress,
                          .progress_context = &meter};
     mn_verify_result result;
     mn_mesh mesh;
     mn_status st = {0};
-    if (against != NULL)
+    code = mn_tree_fits(file, against != NULL ? MN_TREE_COMPARE : MN_TREE_LOAD, ram_bytes, &st);
+    if (code == MN_OK && against != NULL)
         code = read_input(file, against, &desc, weld, &mesh, &st);
     if (code == MN_OK) {
         code = mn_verify(file, against != NULL ? &mesh : NULL, CLI_WATCH(&meter), &result, &st);

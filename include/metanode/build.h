@@ -271,6 +271,18 @@ typedef struct mn_verify_result {
 mn_code mn_verify(const char *path, const mn_mesh *against, const mn_watch *watch,
                   mn_verify_result *out, mn_status *st);
 
+/* What is done with a tree in memory. */
+typedef enum mn_tree_use {
+    MN_TREE_LOAD = 0, /* mn_tree_load; mn_verify */
+    MN_TREE_EXTRACT,  /* and mn_tree_extract, a prefix front or all of it */
+    MN_TREE_SETTLE,   /* of a tolerance */
+    MN_TREE_BLOCK,    /* mn_block_write */
+    MN_TREE_COMPARE,  /* mn_verify against a mesh of its size, which is in memory too */
+} mn_tree_use;
+/* Whether the process stays below ram_bytes (0: no bound) when it does that, by what the file's
+ * header says. MN_CAP_TOO_SMALL names what would do. */
+mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_status *st);
+
 /* Rebuilds the tree that a .mnt (or .vdt) holds, whole, in memory. */
 mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st);
 

@@ -83,6 +83,8 @@ bool mni_read_stl_ascii(mni_source *source, mni_intake *intake);
 /* The helper program reads the file itself; as: "om", "ply", "obj", "off" or "stl". */
 bool mni_read_openmesh(const char *path, const char *as, const mn_read_desc *desc,
                        mni_source *source, mni_intake *intake);
+/* About how much memory the helper takes for a file. */
+uint64_t mni_openmesh_bytes(const char *path);
 
 /* "face 812: vertex 99 of 88", or what it is a corner of. Always false. */
 bool mni_read_out_of_range(mni_source *source, const char *element, uint64_t number, int64_t vertex,

@@ -19,6 +19,7 @@
 #include "clock.h"
 #include "grid.h"
 #include "order.h"
+#include "reader.h"
 #include "rounds.h"
 #include "rowpack.h"
 #include "tree.h"
@@ -259,9 +260,13 @@ static mn_code read_phase(maker *m) {
         return code;
     uint64_t in_bytes = in.size_bytes, most = 16 * in_bytes + (64 << 20); /* more is not used */
     mni_in_close(&in);
+    uint64_t work = m->work_bytes > 0 && m->work_bytes < most ? m->work_bytes : most;
+    if (m->read.reader == MN_READER_OPENMESH && m->work_bytes > 0) { /* its process counts too */
+        const uint64_t helper = mni_openmesh_bytes(m->in);
+        work = work > helper + MNI_EXTMESH_WORK_MIN ? work - helper : MNI_EXTMESH_WORK_MIN;
+    }
     mni_extmesh_desc desc = {.position_bits = bits,
-                             .work_bytes =
-                                 m->work_bytes > 0 && m->work_bytes < most ? m->work_bytes : most,
+                             .work_bytes = work,
                              .beside_bytes = BESIDE_BYTES,
                              .temp_dir = m->temp_dir,
                              .watch = m->watch,

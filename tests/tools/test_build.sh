@@ -89,6 +89,17 @@ expect 0 extract a.vdt --triangles 500 -o x.ply --json
 grep -q '"triangles": \(500\|49[0-9]\),' out.txt || fail "extract --triangles 500: $(cat out.txt)"
 expect 0 extract a.mnt --error 0.05 -o x.ply
 
+# --- what does not fit a cap is refused with what would, and that does
+for command in "verify a.mnt" "verify a.vdt" "verify a.mnt --against in.ply" "extract a.mnt --full -o x.ply" \
+    "extract a.mnt --error 0.01 -o x.ply" "block a.mnt -o x.mnt"; do
+    # shellcheck disable=SC2086 # words
+    expect 5 $command --ram 1M
+    says "try --ram"
+    ram=$(sed -n 's/.*try --ram \([0-9]*M\).*/\1/p' err.txt)
+    expect 0 $command --ram "$ram"
+    rm -f x.ply x.mnt
+done
+
 # --- wrong usage
 expect 2 build in.ply
 expect 2 build -o x.mnt

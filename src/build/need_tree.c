@@ -1,0 +1,101 @@
+/* How much memory it takes to have a tree in memory, and to do something with it: by what stands in
+ * the header of its file, before anything is read. Sums of what tree.c, tree_load.c, extract.c,
+ * tree_rows.c and verify.c allocate, one line each. Memory: none. */
+#include <stdlib.h>
+
+#include "file.h"
+#include "header.h"
+#include "simplify.h"
+#include "vdt_header.h"
+
+typedef struct size {
+    uint64_t leaves, simplices, triangles;
+    bool vdt, has_colors, has_hinges;
+} size;
+
+static mn_code size_of(const char *path, size *s, mn_status *st) {
+    if (mn_tree_is_vdt(path)) {
+        mni_vdt_header h;
+        mn_tree facts;
+        mni_in in;
+        mn_code code = mni_in_open(&in, path, st);
+        if (code != MN_OK)
+            return code;
+        code = mni_vdt_header_read(&in, path, &h, &facts, st);
+        mni_in_close(&in);
+        *s = (size){h.leaves,
+                    h.simplices,
+                    h.triangles,
+                    true,
+                    mni_vdt_header_has_colors(&h),
+                    h.simplices > h.triangles};
+        return code;
+    }
+    mn_header *h = malloc(sizeof *h);
+    if (h == NULL)
+        return mn_fail(st, MN_FAILED, "no memory");
+    mn_code code = mn_header_read(path, h, st);
+    if (code == MN_OK)
+        *s = (size){h->leaves,    h->triangles + h->hinges, h->triangles, false, h->has_colors,
+                    h->hinges > 0};
+    free(h);
+    return code;
+}
+
+static uint64_t max_u64(uint64_t a, uint64_t b) {
+    return a > b ? a : b;
+}
+
+static uint64_t tree_bytes(const size *s) {
+    return s->leaves * (12 /* positions */ + (s->has_colors ? 4 : 0) + 5 * 4 /* links, leaves */ +
+                        8 /* values, radii */ + sizeof(mn_cone) + 4 /* simplices begin */) +
+           s->simplices * 12;
+}
+
+static uint64_t loading_bytes(const size *s) {
+    return s->vdt ? s->leaves * (4 + 4) /* nodes by row; the check's */
+                  : s->leaves * (9 /* seen, simplices */ + 8 /* the check's */) + s->simplices * 12;
+}
+
+static uint64_t mesh_bytes(const size *s) {
+    return s->leaves * (12 + 4 /* colours */) + s->triangles * 12;
+}
+
+/* Beside the tree. */
+static uint64_t using_bytes(const size *s, mn_tree_use use) {
+    const uint64_t extracting = s->leaves * (9 + 4 /* ids */) + mesh_bytes(s);
+    const uint64_t edges = s->has_hinges ? 3 * s->triangles : 0;
+    switch (use) {
+    case MN_TREE_LOAD:
+        break;
+    case MN_TREE_EXTRACT:
+        return extracting;
+    case MN_TREE_SETTLE: /* seats, first and last of nodes, a stack */
+        return max_u64(extracting, s->leaves * 9 + s->simplices * 24 + s->leaves * 24);
+    case MN_TREE_BLOCK: /* rows, and the packer's own */
+        return s->leaves * (sizeof(mni_row) + 4) + s->simplices * sizeof(mni_row_simplex) +
+               (6 << 20);
+    case MN_TREE_COMPARE: /* points, numbers, faces, edges; and what sorts of these take */
+        return mesh_bytes(s) + s->leaves * (40 + 32 /* what reading has left */) +
+               s->triangles * 32 + edges * 16 + 16 * max_u64(edges, s->triangles);
+    }
+    return 0;
+}
+
+mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_status *st) {
+    size s;
+    mn_code code = size_of(path, &s, st);
+    if (code != MN_OK || ram_bytes == 0)
+        return code;
+    const uint64_t beside = use == MN_TREE_COMPARE ? mesh_bytes(&s) : 0;
+    const uint64_t need = MNI_PROGRAM_BYTES + tree_bytes(&s) +
+                          max_u64(beside + loading_bytes(&s), using_bytes(&s, use));
+    if (need <= ram_bytes)
+        return MN_OK;
+    return mn_fail(
+        st, MN_CAP_TOO_SMALL,
+        "%s: its %llu vertices are to be in memory, all at once: %llu MB, where the cap is "
+        "%.1f MB; try --ram %lluM",
+        path, (unsigned long long)s.leaves, (unsigned long long)(need >> 20) + 1,
+        (double)ram_bytes / (1 << 20), (unsigned long long)(need >> 20) + 1);
+}
