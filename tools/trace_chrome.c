@@ -31,7 +31,7 @@ typedef struct chrome {
     mn_trace_event frame, phase; /* that began them */
     bool first;
     uint32_t flows; /* ids given out */
-    uint64_t ns;    /* of the last event written */
+    uint64_t ns;    /* of the last event */
     uint64_t count[MN_TRACE_COUNTERS];
     trace_map blocks;
     flow *flow; /* by number of block */
@@ -47,7 +47,6 @@ static void begin(chrome *c, const char *phase, uint32_t thread, uint64_t ns) {
     fprintf(c->out, "%s\n{\"ph\":\"%s\",\"pid\":%d,\"tid\":%" PRIu32 ",\"ts\":%" PRIu64 ".%03u",
             c->first ? "" : ",", phase, PROCESS, thread + 1, ns / 1000, (unsigned)(ns % 1000));
     c->first = false;
-    c->ns = ns;
 }
 
 static void slice(chrome *c, const mn_trace_event *e, const char *name) {
@@ -328,6 +327,7 @@ mn_code trace_chrome(mn_trace_file *file, uint32_t from, uint32_t to, FILE *out,
             break;
         if (c.inside)
             event(&c, &e);
+        c.ns = e.ns;
     }
     close_open(&c);
     fputs("\n]}\n", out);

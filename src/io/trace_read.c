@@ -183,7 +183,9 @@ static mn_code read_head(mn_trace_file *file, mn_status *st) {
         .height_px = h.height_px,
         .ring_events = {h.ring_events[0], h.ring_events[1]},
     };
-    memcpy(file->info.model, h.model, sizeof h.model);
+    for (size_t i = 0; h.model[i] != 0; i++) /* it will be printed */
+        file->info.model[i] =
+            (unsigned char)h.model[i] < ' ' || h.model[i] == 127 ? '?' : h.model[i];
     return MN_OK;
 }
 

@@ -1,10 +1,11 @@
 #!/bin/sh
 # Goal: replay --trace and metanode trace as a user meets them: figures equal replay's own, JSON that
 # viewers take with every flow joined, the same bytes for a seed, damage told in one line.
-# Method: a made model in a folder of its own; usage: test_trace.sh METANODE E2E_JSON
+# Method: a made model in a folder of its own; usage: test_trace.sh METANODE E2E_JSON TRACE_DICE
 set -u
 metanode=$1
 json=$2
+dice=$3
 folder=$(mktemp -d) || exit 1
 trap 'rm -rf "$folder"' EXIT
 cd "$folder" || exit 1
@@ -150,6 +151,18 @@ done
 expect 3 trace in.ply
 says 'not a trace'
 expect 3 trace nowhere
+
+# --- events that follow from nothing
+for seed in $(seq "${MN_SEED:-1}" $((${MN_SEED:-1} + 9))); do
+    "$dice" "$seed" a.trace || fail "no trace from seed $seed"
+    expect 0 trace a.trace
+    expect 0 trace a.trace --json
+    "$json" frames <out.txt >/dev/null || fail "seed $seed: no JSON"
+    expect 0 trace a.trace --to chrome -o a.json
+    "$json" --foreign displayTimeUnit <a.json >/dev/null || fail "seed $seed: no JSON for viewers"
+    wrong=$(flows a.json | grep -v 'no flows')
+    [ -z "$wrong" ] || fail "seed $seed: $wrong"
+done
 
 # --- usage
 expect 2 trace
