@@ -170,7 +170,8 @@ typedef struct tune {
     tune_cell *cell;         /* cells that differ in the path alone stand side by side, by path;
                                 those of `resident` come first */
     size_t cells, cells_room;
-    double measured_s; /* spent on the cells of this run */
+    double measured_s,
+        thought_s; /* spent on the cells of this run; by how much was reckoned with */
 } tune;
 
 /* The tree, and its layouts: those that are not there yet are made, two at a time. */
@@ -179,7 +180,8 @@ mn_code tune_build(tune *t, mn_status *st);
 mn_code tune_enumerate(tune *t, mn_status *st);
 mn_code tune_enumerate_rules(tune *t, const tune_cell *at, mn_status *st);
 size_t tune_missing(const tune *t);
-double tune_seconds_needed(const tune *t); /* at least, for those that are missing */
+/* For those that are missing; by how long those before them took. */
+double tune_seconds_needed(const tune *t);
 /* Measures those that are missing, one at a time, and keeps each. MN_FAILED "interrupted": the rest
  * is missing yet. */
 mn_code tune_measure(tune *t, mn_status *st);

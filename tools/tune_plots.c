@@ -31,7 +31,7 @@ enum { MISSES, ERROR, TIME, CURVES, TRIANGLES = CURVES, QUANTITIES }; /* curves 
 #define LOGARITHMS "set logscale y 10"
 #define ROOTS                                                                                      \
     "set nonlinear y via sqrt(y) inverse y*y\nset yrange [0:1<*]\n"                                \
-    "set ytics (0, 0.1, 0.5, 1, 2, 5, 10, 20, 50, 100)"
+    "set ytics (0, 0.5, 2, 5, 10, 20, 50, 100)"
 static const quantity quantities[QUANTITIES] = {
     {"misses", "misses of all that was wanted", "missed, %", ROOTS},
     {"error", "error on the screen, 95 % of the frames", "error, pixels", LOGARITHMS},

@@ -151,7 +151,7 @@ static void commands(const tune *t, const tune_setting *s, FILE *f) {
     const tune_cell *c = s->cell;
     const tune_layout *l = &t->layout[c->layout];
     const bool levels = l->blocking == MN_BLOCKING_LEVELS;
-    fputs("<pre>metanode build", f);
+    fprintf(f, "<pre>metanode %s", strcmp(t->tree, t->o.in) == 0 ? "block" : "build");
     shell_word(f, t->o.in);
     fprintf(f, " --blocking %s %s %u -o model.mnt\nmetanode view model.mnt --prefetch %s",
             levels ? "levels" : "packed", levels ? "-L" : "--block-bytes", l->size,

@@ -131,12 +131,17 @@ size_t tune_missing(const tune *t) {
     return missing;
 }
 
+static double seconds_of(const tune *t, const tune_cell *c) {
+    return SECONDS_A_CELL + t->o.path[c->path].frames * t->o.seconds_a_frame;
+}
+
 double tune_seconds_needed(const tune *t) {
+    const double slower = t->thought_s > 0 ? fmax(1, t->measured_s / t->thought_s) : 1;
     double seconds = 0;
     for (size_t i = 0; i < t->cells; i++)
         if (t->cell[i].state == TUNE_MISSING)
-            seconds += SECONDS_A_CELL + t->o.path[t->cell[i].path].frames * t->o.seconds_a_frame;
-    return seconds;
+            seconds += seconds_of(t, &t->cell[i]);
+    return slower * seconds;
 }
 
 /* ---- one of them ----------------------------------------------------------------------------- */
@@ -233,6 +238,7 @@ static mn_code measure(tune *t, tune_cell *c, mn_status *st) {
     else
         take_figures(c, &end, busy_s() - busy);
     t->measured_s += end.seconds;
+    t->thought_s += seconds_of(t, c);
     child_end_free(&end);
     return code;
 }
