@@ -80,6 +80,7 @@ void mni_ahead_begin(mni_ahead *a, const mn_camera *camera, const mni_lens *now,
     }
     for (int i = 0; i < 3; i++)
         a->step[i] = jumped ? 0 : step[i];
+    a->frame++;
     a->before = a->last;
     a->has_before = a->has_last && !jumped;
     a->last = *camera;
@@ -103,7 +104,13 @@ static void exit_foresee(mni_front *front, uint32_t slot, uint32_t frames) {
 }
 
 void mni_ahead_know(mni_ahead *a, mni_front_ref node) {
-    a->known[node.slot % MNI_AHEAD_KNOWN] = node.order;
+    a->known[node.slot % MNI_AHEAD_KNOWN] = (struct mni_ahead_known){node.order, a->frame};
+}
+
+static bool is_known(const mni_ahead *a, mni_front_ref node) {
+    const struct mni_ahead_known *known = &a->known[node.slot % MNI_AHEAD_KNOWN];
+    return known->order == node.order && known->frame != 0 &&
+           a->frame - known->frame < MNI_AHEAD_KEPT;
 }
 
 /* What must be split before the node, as far as it stands in the front: the exits among it. Most
@@ -137,7 +144,7 @@ static void foresee_split(mni_ahead *a, mni_front *front, uint32_t slot) {
         return; /* asked for as it is */
     const uint32_t frames = frames_until(now_px, there_px, tolerance_px, a->frames);
     const mni_front_ref node = mni_front_ref_of(front, slot);
-    if (a->splits < MNI_AHEAD_SPLITS && a->known[slot % MNI_AHEAD_KNOWN] != node.order)
+    if (a->splits < MNI_AHEAD_SPLITS && !is_known(a, node))
         a->split[a->splits++] = (mni_ahead_split){node, frames};
     forced_foresee(front, slot, frames);
     if ((front->node[slot].flags & MNI_NODE_EXIT) != 0)

@@ -19,7 +19,8 @@ enum {
         16,                 /* in which its forks have: the way up is in memory for the most part */
     MNI_AHEAD_SPLITS = 48,  /* in a frame, that are worth a rehearsal */
     MNI_AHEAD_FORCED = 12,  /* nodes that must be split before one, looked through for it */
-    MNI_AHEAD_KNOWN = 4096, /* nodes whose rehearsal went well, remembered; a power of two */
+    MNI_AHEAD_KNOWN = 4096, /* nodes whose rehearsal went well, remembered; a power of two … */
+    MNI_AHEAD_KEPT = 32,    /* … for so many frames: their blocks may go */
 };
 
 /* A split to come. */
@@ -42,7 +43,10 @@ typedef struct mni_ahead {
     uint32_t slot, branch;                   /* whose turn it is */
     mni_ahead_split split[MNI_AHEAD_SPLITS]; /* of this frame */
     uint32_t splits;
-    uint32_t known[MNI_AHEAD_KNOWN]; /* order ids, by slot */
+    uint32_t frame;
+    struct mni_ahead_known {
+        uint32_t order, frame; /* in which that was known; 0: never */
+    } known[MNI_AHEAD_KNOWN];  /* by slot */
 } mni_ahead;
 
 /* The camera in so many frames, if it goes on as it came. false: it stands, or has jumped. */

@@ -19,7 +19,7 @@ enum {
     FRUITLESS_MAX = 32,     /* EAGAIN and the like in a row, before a read has failed */
     PAUSE_NS = 1000 * 1000, /* when the kernel has no room for any read */
     FIRST_READS_MAX =
-        256, /* of the top of the tree, while the session is opened: 2 MB of 8 KiB blocks */
+        512, /* of the top of the tree, while the session is opened: 4 MB of 8 KiB blocks */
     THREAD_STACK_BYTES = 256 * 1024, /* checking a block's contents needs little */
 };
 #define SCOUT_URGENCY 0.25f /* of a block that is read while there are empty places */

@@ -559,6 +559,8 @@ static void rehearse(mni_navigator *nav) {
     mni_front *front = &nav->front;
     mni_ahead *ahead = &nav->ahead;
     uint32_t chain_max = nav->chain_max, count;
+    const uint64_t ops_max = nav->ops_max;
+    nav->ops_max = 0; /* what is undone counts for no budget */
     if (nav->chain_max > MNI_REHEARSED_MAX)
         nav->chain_max = MNI_REHEARSED_MAX;
     uint32_t budget = front->active / MNI_REHEARSED_SHARE + MNI_REHEARSED_LEAST, spent = 0;
@@ -584,6 +586,7 @@ static void rehearse(mni_navigator *nav) {
     }
     mni_store_rehearse(front->store, 0);
     nav->chain_max = chain_max;
+    nav->ops_max = ops_max;
 }
 
 /* ---- degrading ---------------------------------------------------------------------------------
