@@ -68,10 +68,13 @@ static bool is_nearer(const mni_command *a, const mni_command *b) {
     return a->due != b->due ? a->due < b->due : a->ref.id < b->ref.id;
 }
 
-_Static_assert((int)MNI_COMMANDS == (int)MN_TRACE_COMMANDS && (int)MNI_ENDS == (int)MN_TRACE_ENDS,
+_Static_assert((int)MNI_COMMAND_LOOK == (int)MN_TRACE_COMMANDS &&
+                   (int)MNI_ENDS == (int)MN_TRACE_ENDS,
                "a trace says the same");
 
 void mni_command_trace_end(const mni_command *command, mni_end end) {
+    if (command->kind == MNI_COMMAND_LOOK)
+        return;
     MNI_TRACE(MN_TRACE_ENDED, (uint32_t)command->kind | (uint32_t)end << 2, command->ref.id, 0);
 }
 
@@ -108,18 +111,19 @@ static void take_back(mni_board *board, mni_batch *batch) {
 uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
     uint32_t rejected = 0, urgent = 0;
     mni_lock_take(&board->lock);
-    while (urgent < batch->count && batch->command[urgent].kind != MNI_COMMAND_PREFETCH)
+    while (urgent < batch->count && mni_command_is_urgent(batch->command[urgent].kind))
         urgent++;
     for (uint32_t i = urgent; i < batch->count; i++)
-        MNI_TRACE(MN_TRACE_POST, MN_TRACE_PREFETCH, batch->command[i].ref.id,
-                  batch->command[i].due);
+        if (batch->command[i].kind == MNI_COMMAND_PREFETCH)
+            MNI_TRACE(MN_TRACE_POST, MN_TRACE_PREFETCH, batch->command[i].ref.id,
+                      batch->command[i].due);
     if (batch->sorts) {
         take_back(board, batch);
         sort_nearest_first(batch->command + urgent, batch->count - urgent);
     }
     for (uint32_t i = 0; i < batch->count; i++) {
         const mni_command *command = &batch->command[i];
-        bool prefetch = command->kind == MNI_COMMAND_PREFETCH;
+        bool prefetch = !mni_command_is_urgent(command->kind);
         MN_ASSERT(prefetch == (i >= urgent));
         bool room = ring_push(prefetch ? &board->prefetch : &board->urgent, command);
         board->open += room;

@@ -26,8 +26,13 @@ typedef enum mni_command_kind {
     MNI_COMMAND_PREFETCH = 0,
     MNI_COMMAND_URGENT_UP,
     MNI_COMMAND_URGENT_DOWN,
+    MNI_COMMAND_LOOK, /* reads nothing: into a block that is there, for what will be wanted below
+                         it; stands among prefetches, and is in no figure or trace */
     MNI_COMMANDS
 } mni_command_kind;
+static inline bool mni_command_is_urgent(mni_command_kind kind) {
+    return kind == MNI_COMMAND_URGENT_UP || kind == MNI_COMMAND_URGENT_DOWN;
+}
 
 /* Which places a command may take, when its block is not there. */
 typedef enum mni_places {

@@ -120,8 +120,8 @@ static void scout_send(mni_ioloop *loop, const mni_load *load, uint32_t i, mni_c
 }
 
 /* To what the camera wants, and while there are empty places to what it may soon want, below a
- * block that has come and is still ours. Before there is a camera: to the top of the tree, level by
- * level. */
+ * block that has come and is still ours, or that is there and looked into. Before there is a
+ * camera: to the top of the tree, level by level. */
 static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command *from) {
     if (loop->rate == NULL)
         return;
@@ -140,6 +140,9 @@ static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command
                        (mni_command){.places = MNI_PLACES_EMPTY, .due = from->due + 1},
                        1 / (2.0f + (float)from->due));
         } else if (!starts && loop->urgency[i] >= least) {
+            if (from->kind == MNI_COMMAND_LOOK &&
+                mni_pool_foresees(loop->pool, mni_frame_ref(load->bytes, i).id))
+                continue;
             mni_places places = loop->urgency[i] < 1 ? MNI_PLACES_EMPTY : MNI_PLACES_SPARE;
             scout_send(loop, load, i, (mni_command){.places = places, .notes = loop->below[i]},
                        loop->urgency[i]);
@@ -250,7 +253,7 @@ static bool next_command(mni_ioloop *loop, uint32_t depth, mni_command *out) {
 
 /* Takes a command as far as a read, or ends it. false: it waits for a place. */
 static bool begin(mni_ioloop *loop, const mni_command *command) {
-    mni_load load;
+    mni_load load = {0};
     switch (mni_pool_begin(loop->pool, command, loop->busy > 0, &load)) {
     case MNI_BEGIN_READ: {
         uint32_t tag = 0;
@@ -263,6 +266,10 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
         return true;
     }
     case MNI_BEGIN_RESIDENT:
+        if (load.bytes != NULL) {
+            scout_from(loop, &load, command);
+            mni_pool_looked(loop->pool);
+        }
         loop->news.ended[command->kind][MNI_END_RESIDENT]++;
         mni_command_trace_end(command, MNI_END_RESIDENT);
         return true;
@@ -273,7 +280,7 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
     case MNI_BEGIN_WAIT:
         break;
     }
-    MN_ASSERT(command->kind != MNI_COMMAND_PREFETCH && loop->next > 0);
+    MN_ASSERT(mni_command_is_urgent(command->kind) && loop->next > 0);
     loop->next--;
     return false;
 }

@@ -31,6 +31,7 @@ void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board,
                        .board = board,
                        .prefetch = desc->prefetch,
                        .kept = 2 + (k / KEPT_SHARE < KEPT_MOST ? k / KEPT_SHARE : KEPT_MOST),
+                       .looked_at = MNI_NO_SLOT,
                        .batch_max = batch_max(k)};
     mni_holders_open(&pool->holders, k, desc->header->block_bytes_max, arena);
     mni_hashmap_open(&pool->by_id, k, arena);
@@ -121,9 +122,9 @@ void mni_pool_foresee_locked(mni_pool *pool, uint32_t slot) {
 
 /* Does anybody still want the command? One whose sponsor has gone is cancelled here. */
 static bool is_wanted(const mni_pool *pool, const mni_command *command) {
-    if (command->kind == MNI_COMMAND_PREFETCH && command->sponsor == MN_NONE)
+    if (!mni_command_is_urgent(command->kind) && command->sponsor == MN_NONE)
         return true;
-    if (command->kind == MNI_COMMAND_PREFETCH) {
+    if (!mni_command_is_urgent(command->kind)) {
         const mni_holder *sponsor = &pool->holders.holder[command->sponsor];
         return sponsor->generation == command->sponsor_generation && sponsor->in_use;
     }
@@ -173,14 +174,14 @@ static uint32_t take_place(mni_pool *pool, mni_places places, bool urgent) {
 
 /* The command is over: its grant, if it still stands, may post another. */
 static void command_over(mni_pool *pool, const mni_command *command) {
-    if (command->kind != MNI_COMMAND_PREFETCH && is_wanted(pool, command))
+    if (mni_command_is_urgent(command->kind) && is_wanted(pool, command))
         pool->grants.grant[command->sponsor].posted = false;
 }
 
 static mni_begin begin_locked(mni_pool *pool, const mni_command *command, bool may_wait,
                               mni_load *load) {
     MN_ASSERT(pool->locked);
-    bool urgent = command->kind != MNI_COMMAND_PREFETCH;
+    bool urgent = mni_command_is_urgent(command->kind);
     if (!is_wanted(pool, command))
         return MNI_BEGIN_GIVE_UP;
     uint32_t slot = mni_hashmap_find(&pool->by_id, command->ref.id);
@@ -191,9 +192,19 @@ static mni_begin begin_locked(mni_pool *pool, const mni_command *command, bool m
         } else if (command->places == MNI_PLACES_SPARE) {
             mni_pool_foresee_locked(pool, slot);
         }
+        const mni_holder *holder = &pool->holders.holder[slot];
+        if (command->kind == MNI_COMMAND_LOOK && holder->kind == MNI_FRAME_METANODE &&
+            (holder->state == MNI_HOLDER_LOADED || holder->state == MNI_HOLDER_FREED)) {
+            pool->looked_at = slot;
+            *load = (mni_load){.slot = slot,
+                               .ref = holder->ref,
+                               .last_empty = pool->holders.count[MNI_HOLDER_EMPTY] == 0,
+                               .bytes = mni_holders_bytes(&pool->holders, slot)};
+        }
         return MNI_BEGIN_RESIDENT;
     }
-    if (!mni_failures_due(&pool->failures, command->ref.id, pool->frame))
+    if (command->kind == MNI_COMMAND_LOOK ||
+        !mni_failures_due(&pool->failures, command->ref.id, pool->frame))
         return MNI_BEGIN_GIVE_UP;
     slot = take_place(pool, command->places, urgent);
     if (slot == MNI_NO_SLOT)
@@ -230,6 +241,21 @@ mni_begin mni_pool_begin(mni_pool *pool, const mni_command *command, bool may_wa
         command_over(pool, command);
     mni_pool_unlock(pool);
     return begin;
+}
+
+bool mni_pool_foresees(mni_pool *pool, uint32_t block_id) {
+    mni_pool_lock(pool);
+    uint32_t slot = mni_hashmap_find(&pool->by_id, block_id);
+    if (slot != MNI_HASHMAP_NONE)
+        mni_pool_foresee_locked(pool, slot);
+    mni_pool_unlock(pool);
+    return slot != MNI_HASHMAP_NONE;
+}
+
+void mni_pool_looked(mni_pool *pool) {
+    mni_pool_lock(pool);
+    pool->looked_at = MNI_NO_SLOT;
+    mni_pool_unlock(pool);
 }
 
 /* ---- I/O: a read has ended ------------------------------------------------------------------- */

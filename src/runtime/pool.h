@@ -57,6 +57,7 @@ typedef struct mni_pool {
     mni_failures failures;
     uint64_t frame;
     uint32_t loading_plain; /* place holders being read into for nobody's grant */
+    uint32_t looked_at;     /* by I/O, with nothing else to hold it; MNI_NO_SLOT: none */
     uint32_t hand;          /* where the search for a victim goes on */
     mni_report report[MNI_REPORTS_MAX];
     uint32_t reports;
@@ -120,7 +121,7 @@ void mni_pool_grow(mni_pool *pool, uint32_t chunk);     /* puts that one back in
 
 typedef enum mni_begin {
     MNI_BEGIN_READ = 0, /* *load says where to */
-    MNI_BEGIN_RESIDENT,
+    MNI_BEGIN_RESIDENT, /* *load says where, if I/O may look at it until mni_pool_looked */
     MNI_BEGIN_GIVE_UP,
     MNI_BEGIN_WAIT, /* urgent, and no place now: try again when a read has ended */
 } mni_begin;
@@ -133,9 +134,13 @@ typedef struct mni_load {
     bool last_empty;     /* no place that no block has been in was left */
     uint32_t read_bytes; /* so far, some of it perhaps twice; I/O counts */
 } mni_load;
+/* Is the block there, or on its way? Then it is kept. */
+bool mni_pool_foresees(mni_pool *pool, uint32_t block_id);
 /* Decides about a command: finds its block, or takes a place for it. Check and eviction are one
  * critical section. may_wait: reads are in flight, so that WAIT can end. */
 mni_begin mni_pool_begin(mni_pool *pool, const mni_command *command, bool may_wait, mni_load *load);
+/* What a look has led to is no longer looked at. */
+void mni_pool_looked(mni_pool *pool);
 void mni_pool_loaded(mni_pool *pool, const mni_command *command, const mni_load *load);
 /* io: the disk's fault, otherwise the block's. why: a literal. */
 void mni_pool_failed(mni_pool *pool, const mni_command *command, const mni_load *load, bool io,

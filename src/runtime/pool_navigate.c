@@ -497,16 +497,21 @@ void mni_pool_rehearse(mni_pool *pool, uint32_t frames) {
         pool->rehearsed = frames;
 }
 
-/* What is there is kept longest; what is not is fetched. */
+/* What is there is kept longest, and looked into; what is not is fetched. */
 static void settle_ahead(mni_pool *pool) {
     MN_ASSERT(pool->locked);
     for (uint32_t i = 0; i < pool->ahead_count; i++) {
-        const mni_command *command = &pool->ahead[i];
+        mni_command *command = &pool->ahead[i];
         uint32_t slot = mni_hashmap_find(&pool->by_id, command->ref.id);
-        if (slot != MNI_HASHMAP_NONE)
+        if (slot == MNI_HASHMAP_NONE) {
+            if (mni_failures_due(&pool->failures, command->ref.id, pool->frame))
+                (void)batch_add(pool, command);
+        } else {
             mni_pool_foresee_locked(pool, slot);
-        else if (mni_failures_due(&pool->failures, command->ref.id, pool->frame))
-            (void)batch_add(pool, command);
+            command->kind = MNI_COMMAND_LOOK;
+            if (command->notes.count > 0)
+                (void)batch_add(pool, command);
+        }
         mni_hashmap_remove(&pool->ahead_by_id, command->ref.id);
     }
     pool->ahead_count = 0;
@@ -591,7 +596,7 @@ static bool chunk_may_retire(const mni_pool *pool, uint32_t chunk) {
     for (uint32_t slot = chunk * holders->chunk_holders; slot < chunk_end(holders, chunk); slot++) {
         const mni_holder *holder = &holders->holder[slot];
         if (holder->state == MNI_HOLDER_LOADING || holder->state == MNI_HOLDER_RETIRED ||
-            holder->held || holder->in_use || holder->pinned)
+            holder->held || holder->in_use || holder->pinned || slot == pool->looked_at)
             return false;
     }
     return true;

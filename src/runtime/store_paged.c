@@ -296,7 +296,7 @@ static bool grow(void *self) {
 
 static uint64_t ended(const mni_board_counts *counts, mni_end end) {
     uint64_t sum = 0;
-    for (int kind = 0; kind < MNI_COMMANDS; kind++)
+    for (int kind = 0; kind < MNI_COMMAND_LOOK; kind++)
         sum += counts->ended[kind][end];
     return sum;
 }
