@@ -26,7 +26,7 @@ enum {
     SLOW_FRAMES = 600,
     FRONT_MAX = 1 << 22, /* active nodes: room is not what is measured */
     PROBES = 8,          /* frames of the path that --front is a mean over */
-    PROBE_STEPS = 16,    /* bisections of the tolerance */
+    PROBE_STEPS = 8,     /* bisections of the tolerance */
     FRAMES_MAX = 1000000,
 };
 static const double lap_seconds = 1; /* of the fast flight, at least */
@@ -81,23 +81,29 @@ static void lap(mn_session *session, const mn_camera *cameras, uint32_t frames, 
     f->waits += after.waits_dependency - before.waits_dependency;
 }
 
+static uint64_t nodes_at(mn_session *session, const mn_camera *cameras, double tolerance_px) {
+    flight probe = {0};
+    mn_session_set_tolerance(session, (float)tolerance_px);
+    lap(session, cameras, PROBES, &probe);
+    return probe.nodes;
+}
+
 /* The tolerance at which the front has as many nodes on average, for models of unlike size. */
 static float tolerance_for(mn_session *session, const mn_path *path, uint64_t nodes) {
     mn_camera cameras[PROBES];
     for (uint32_t i = 0; i < PROBES; i++)
         mn_path_camera(path, i, PROBES, &cameras[i]);
-    double low = log(1e-3), high = log(1e4);
-    for (int step = 0; step < PROBE_STEPS; step++) {
-        double mid = (low + high) / 2;
-        flight probe = {0};
-        mn_session_set_tolerance(session, (float)exp(mid));
-        lap(session, cameras, PROBES, &probe);
-        if (probe.nodes > nodes * PROBES)
-            low = mid;
-        else
-            high = mid;
+    /* From coarse to fine, so that the front is never much larger. */
+    double low = 1e4, high = low;
+    while (low > 1e-3 && nodes_at(session, cameras, low) <= nodes * PROBES) {
+        high = low;
+        low /= 2;
     }
-    return (float)exp(high);
+    for (int step = 0; step < PROBE_STEPS; step++) {
+        double mid = sqrt(low * high);
+        *(nodes_at(session, cameras, mid) > nodes * PROBES ? &low : &high) = mid;
+    }
+    return (float)high;
 }
 
 static void fly(mn_session *session, const mn_path *path, const options *o, mn_camera *cameras,

@@ -29,9 +29,10 @@ enum {
 /* Of forks on the agenda, in place of an order id. WAITS: it is on its blocker's list already. */
 enum { UNTESTED = 0, FREE, WAITS };
 #define CLOCK_MAX                                                                                  \
-    1000             /* × the largest coordinate: margins of a hundredth of that are 9 bits yet   \
-                      */
-#define LOOK (-1.0f) /* due now: the clock of motion begins at 0 */
+    1000               /* × the largest coordinate: margins of a hundredth of that are 9 bits yet \
+                        */
+#define LOOK (-1.0f)   /* due now: the clock of motion begins at 0 */
+#define NEVER INFINITY /* nobody is in the slot: who comes sets it */
 
 /* ---- collapses ---------------------------------------------------------------------------------
  */
@@ -176,6 +177,7 @@ static void collapse(mni_navigator *nav, uint32_t fork) {
     MNI_TRACE_OFTEN(MN_TRACE_COLLAPSE,
                     mni_store_block_id(front->store, mni_front_entry(front, parent, left)));
     nav->slot_due[left] = LOOK;
+    nav->slot_due[right] = NEVER;
     wake(nav, left);
     wake(nav, right);
     consider_fork(nav, parent);
@@ -351,9 +353,10 @@ static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
     mni_agenda_item item;
     mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
     for (int i = 0; i < count; i++) {
-        nav->slot_due[slot[i]] = verdict[i] == MNI_UNWANTED ? due_after(nav, margin[i]) : LOOK;
-        if (verdict[i] != MNI_UNWANTED && mni_front_is_active(&nav->front, slot[i]) &&
-            wanted(nav, slot[i], &item))
+        const bool there = mni_front_is_active(&nav->front, slot[i]);
+        float due = verdict[i] == MNI_UNWANTED ? due_after(nav, margin[i]) : LOOK;
+        nav->slot_due[slot[i]] = there ? due : NEVER;
+        if (verdict[i] != MNI_UNWANTED && there && wanted(nav, slot[i], &item))
             mni_agenda_add(&nav->agenda, item);
     }
 }
