@@ -80,12 +80,15 @@ static int read_options(shoot *s, int argc, char **argv, bool *done) {
     return code == MN_OK ? session_options_output(&s->session, argv[0], s->out) : code;
 }
 
-static mn_code frame_camera(const shoot *s, const mn_header *header, mn_camera *out,
-                            mn_status *st) {
-    mn_path *path;
+/* Before the session, whose plan counts what the path takes. */
+static mn_code frame_camera(shoot *s, mn_camera *out, mn_status *st) {
+    mn_header header;
+    mn_path *path = NULL;
     const char *name = s->session.path_name != NULL ? s->session.path_name : "orbit";
-    if (mn_path_open(name, header, s->session.fov_y_deg, &path, st) != MN_OK)
+    if (mn_header_read(s->session.desc.path, &header, st) != MN_OK ||
+        mn_path_open(name, &header, s->session.fov_y_deg, &path, st) != MN_OK)
         return st->code;
+    s->session.desc.base_bytes = mn_path_bytes(path);
     uint32_t frames = s->session.frames;
     if (!s->session.frames_given && mn_path_frames(path) > 0)
         frames = mn_path_frames(path);
@@ -127,21 +130,19 @@ static void report(const shoot *s, const mn_session *session, const picture *p,
     json_end(&j);
 }
 
-static mn_code take(const shoot *s, mn_session *session, picture *p, mn_status *st) {
+static mn_code take(const shoot *s, const mn_camera *camera, mn_session *session, picture *p,
+                    mn_status *st) {
     const mn_session_desc *desc = &s->session.desc;
-    mn_camera camera = {0};
     mn_frame_stats stats;
-    mn_code code = frame_camera(s, mn_session_header(session), &camera, st);
-    if (code == MN_OK)
-        code = picture_open(p, session, desc->width_px, desc->height_px, st);
+    mn_code code = picture_open(p, session, desc->width_px, desc->height_px, st);
     if (code != MN_OK)
         return code;
-    const uint32_t settle_frames = mn_session_settle(session, &camera, SETTLE_FRAMES_MAX);
-    mn_session_frame(session, &camera, &stats);
+    const uint32_t settle_frames = mn_session_settle(session, camera, SETTLE_FRAMES_MAX);
+    mn_session_frame(session, camera, &stats);
     if (stats.changed)
         fprintf(stderr, "metanode: warning: not settled after %u frames; shown as it is\n",
                 settle_frames);
-    code = picture_draw(p, session, &camera, &s->look, st);
+    code = picture_draw(p, session, camera, &s->look, st);
     if (code == MN_OK)
         code = picture_png(p, s->out, st);
     if (code == MN_OK)
@@ -158,8 +159,10 @@ int cmd_shoot(int argc, char **argv) {
     mn_status st = {0};
     mn_session *session = NULL;
     picture p = {0};
-    if (mn_session_open(&s.session.desc, &session, &st) == MN_OK)
-        take(&s, session, &p, &st);
+    mn_camera camera;
+    if (frame_camera(&s, &camera, &st) == MN_OK &&
+        mn_session_open(&s.session.desc, &session, &st) == MN_OK)
+        take(&s, &camera, session, &p, &st);
     picture_close(&p);
     (void)mn_session_end(session, &st);
     return cli_status(&st);
