@@ -56,7 +56,28 @@ struct mni_ext_edges {
     uint32_t first;                /* triangle that uses this directed edge */
 };
 
+/* For the disk: smaller - the last one's, end - twice the smaller, triangle's difference. */
+static unsigned char *pack(const void *context, unsigned char *to, const void *record,
+                           const void *before) {
+    const edge *e = record, *b = before;
+    const uint64_t smaller = e->ends >> 32;
+    (void)context;
+    to = mni_varint_put(to, smaller - (b->ends >> 32));
+    to = mni_varint_put(to, (uint32_t)e->ends - 2 * smaller);
+    return mni_varint_put(to, mni_fold(e->triangle, b->triangle));
+}
+
+static const unsigned char *unpack(const void *context, const unsigned char *from, void *record) {
+    edge *e = record;
+    (void)context;
+    const uint64_t smaller = (e->ends >> 32) + mni_varint_get(&from);
+    e->ends = smaller << 32 | (2 * smaller + mni_varint_get(&from));
+    e->triangle = mni_unfold(mni_varint_get(&from), e->triangle);
+    return from;
+}
+
 bool mni_ext_edges_open(mni_extintake *x) {
+    static const mni_sort_packing packing = {3 * MNI_VARINT32_MAX, pack, unpack, NULL};
     uint64_t bytes = mni_ext_share(x, MNI_EXT_EDGES_SHARE) - sizeof *x->edges;
     uint64_t words = bytes / LATE_SHARE / sizeof(uint64_t);
     mni_ext_edges *e = x->edges = calloc(1, sizeof *e + bytes);
@@ -70,6 +91,7 @@ bool mni_ext_edges_open(mni_extintake *x) {
     e->max = (uint32_t)((bytes - words * sizeof(uint64_t)) / sizeof(waiting));
     const mni_sort_desc late = {.record_bytes = sizeof(edge),
                                 .key = MNI_SORT_U64,
+                                .packing = &packing,
                                 .budget_bytes = mni_ext_share(x, MNI_EXT_LATE_SHARE)},
                         flags = {.record_bytes = sizeof(uint32_t),
                                  .key = MNI_SORT_U32,

@@ -35,7 +35,7 @@ enum {
 typedef struct entry { /* what is sorted; of narrow ones, as much as they have */
     uint64_t cell, hash;
     uint32_t word[1 + MNI_EXT_WIDE_WORDS]; /* its number, then a vertex */
-} entry;
+} __attribute__((packed, aligned(4))) entry;
 #define NO_CELL UINT64_MAX /* of what is not finite: past all others */
 enum { PACKED_MAX = (1 + MNI_EXT_WIDE_WORDS) * MNI_VARINT32_MAX };
 

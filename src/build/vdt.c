@@ -274,6 +274,10 @@ static mn_code read_phase(maker *m) {
     code = mni_extmesh_read(m->in, &m->read, &desc, &m->mesh, m->st);
     m->vdt->figures.read = (mn_phase_figures){mni_now_s() - start_s, in_bytes + m->mesh.bytes_read,
                                               m->mesh.bytes_written};
+    if (code == MN_OK && m->mesh.vertices >= MNI_COLLAPSE) /* ids from there on are nodes' */
+        code = mn_fail(m->st, MN_BAD_INPUT,
+                       "%s: has %llu vertices, more than the %u that can be simplified", m->in,
+                       (unsigned long long)m->mesh.vertices, MNI_COLLAPSE - 1);
     if (code != MN_OK)
         return code;
     read_facts facts = facts_of_mesh(m);
