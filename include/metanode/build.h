@@ -133,7 +133,8 @@ typedef struct mn_simplify_desc {
                                 comparisons */
     uint64_t ram_bytes;      /* 0: no bound. Too small: MN_CAP_TOO_SMALL names what would do */
     uint64_t work_bytes;     /* what cells, sorts and buffers share of it, for tests of little
-                                memory; 0: all that is left */
+                                memory; 0: all that is left. Where that is too little for cells of
+                                cell_vertices these are halved, and the tree is another */
     uint32_t stop_triangles; /* stop when at most so many are left, for benches; then
                                 only out->counts is filled; 0: never */
     /* In rounds a mesh is simplified cell by cell: a tree of the same quality, but not the same

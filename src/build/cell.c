@@ -449,6 +449,7 @@ mn_code mni_cell_run(mni_cell *cell, mn_status *st) {
     if (code != MN_OK)
         return code;
     mni_simplify_settle(s);
+    mni_heap_close(&s->heap); /* its room is wanted for what was made */
     cell->hinges = s->surface.simplices - cell->simplices;
     code = keep_collapses(cell, st);
     return code == MN_OK ? keep_killed(cell, st) : code;
@@ -529,16 +530,28 @@ bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out) {
     return v[least] < cell->own;
 }
 
-/* While it is opened: parcels, ids, and the surface. While it runs: the surface, its heap and what
- * is made, and at last collapses and killed simplices. */
-uint64_t mni_cell_bytes(uint64_t vertices, uint64_t simplices, uint64_t parcels) {
-    uint64_t a_vertex = sizeof(mni_vertex) + sizeof(mni_cell_node) + 16 /* part */ + 8 /* seen */ +
-                        sizeof(mni_witnesses);
+enum { SMALL_BYTES = 192 << 10 }; /* scratch, and what is lost in pages that are not full */
+
+/* sets: room for witnesses, of nodes and of those that leaves may become. read: what it is opened
+ * from, with the ids' places; when that is gone, heap and collapses come, and when the heap is gone
+ * what is told of collapses, and killed simplices. */
+static uint64_t peak_bytes(uint64_t vertices, uint64_t simplices, uint64_t sets, uint64_t read) {
+    uint64_t a_vertex =
+        sizeof(mni_vertex) + sizeof(mni_cell_node) + 16 /* part */ + 8 /* seen */ + 16 /* pool */;
     uint64_t a_simplex = sizeof(mni_simplex) + 12 /* origin */ + 16 /* pool */ + 12 /* normal */;
-    uint64_t opening = parcels + vertices * (4 /* id */ + 16 /* places */);
-    uint64_t running = vertices * (20 /* heap */ + 28 /* made */ + sizeof(mni_cell_collapse)) +
-                       simplices * 12 /* killed */;
-    return vertices * a_vertex + simplices * a_simplex + (opening > running ? opening : running);
+    uint64_t made =
+        vertices * (20 + sizeof(mni_cell_collapse) + 8 /* places */) + simplices * 12 /* killed */;
+    return SMALL_BYTES + vertices * a_vertex + simplices * a_simplex +
+           sets * sizeof(mni_witnesses) + (read > made ? read : made);
+}
+
+uint64_t mni_cell_bytes(uint64_t vertices, uint64_t simplices, uint64_t parcels) {
+    return peak_bytes(vertices, simplices, vertices, parcels + vertices * (4 + 16));
+}
+
+uint64_t mni_cell_dealt_bytes(uint64_t vertices, uint64_t triangles) {
+    uint64_t hand = vertices * sizeof(mni_ghost) + triangles * sizeof(mni_dealt_triangle) * 5 / 4;
+    return peak_bytes(vertices, triangles, vertices / 2, hand) + triangles * 12 /* points */;
 }
 
 void mni_cell_close(mni_cell *cell) {

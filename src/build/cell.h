@@ -89,7 +89,9 @@ bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out);
  * another cell's, which is that of its vertex with the least id. */
 bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out);
 void mni_cell_close(mni_cell *cell); /* harmless on a closed one */
-/* Bytes that a cell takes at its peak, with parcels of so many bytes. */
+/* Bytes that a cell takes at its peak, what it is opened from included: parcels of so many bytes;
+ * a hand. */
 uint64_t mni_cell_bytes(uint64_t vertices, uint64_t simplices, uint64_t parcels);
+uint64_t mni_cell_dealt_bytes(uint64_t vertices, uint64_t triangles);
 
 #endif

@@ -43,15 +43,17 @@ enum { STUCK_PART = 64, STUCK_ROUNDS = 2 };
  * than is usual, and 16 MB must do for them. */
 static const double SPARE_SHARE = 0.125, SPARE_SHARE_MAX = 0.4;
 
-enum { THREADS_MAX = 16, MMAP_BYTES = 64 << 10 };
+enum { THREADS_MAX = 16, MMAP_BYTES = 16 << 10 };
 
 /* Tiles in a cell; samples in a tile of which cells leave as much as they do of surfaces. */
 enum { CELL_TILES = 8, TILE_SAMPLES = 64 };
 /* What a round leaves of its vertices, of 100: 40 in the first, 46 in late ones. */
 enum { LEFT_PERCENT = 43 };
-/* A vertex with its simplices, in parcels: for buffers that keep all of them off the disk. */
-enum { PARCEL_BYTES = 256 };
-enum { TILES_BYTES_MIN = 64 << 10, REST_BYTES_MIN = 2 << 20 };
+/* A vertex with its simplices, in parcels. */
+enum { PARCEL_BYTES = 176 };
+enum { CELL_VERTICES_MIN = 1024 }; /* unless it is asked for */
+enum { TILES_BYTES_MIN = 64 << 10, REST_BYTES_MIN = 2 << 20, REST_BYTES_LEAST = 5 << 18 };
+enum { THREAD_BYTES = 256 << 10 };      /* another one's stack, and what the heap keeps for it */
 #define DEAL_BYTES (UINT64_C(64) << 20) /* more is not used */
 
 /* Of the memory beside cells, what each may have. */
@@ -98,10 +100,6 @@ typedef struct job {
     mni_cell cell;
 } job;
 
-static uint64_t hand_bytes(uint64_t vertices, uint64_t triangles) {
-    return mni_cell_bytes(vertices, triangles, vertices * sizeof(mni_ghost) + triangles * 12);
-}
-
 /* Of a cell of so many vertices of a surface, with what comes from beside it. */
 static uint64_t usual_bytes(uint64_t vertices) {
     vertices += vertices / 16;
@@ -111,9 +109,11 @@ static uint64_t usual_bytes(uint64_t vertices) {
 /* What cells get of so much memory; rises with it, and with the threads. */
 static uint64_t cells_share(const rounds *r, uint64_t work_bytes) {
     uint64_t one = usual_bytes(r->desc.cell_vertices), usual = one * r->desc.threads;
-    double rest = (double)(work_bytes - usual);
+    uint64_t most = work_bytes - REST_BYTES_LEAST;
+    double rest = work_bytes > usual ? (double)(work_bytes - usual) : 0;
     double some = fmin(SPARE_SHARE_MAX * rest, (double)one / 2);
-    return usual + (uint64_t)fmax(some, SPARE_SHARE * rest);
+    uint64_t share = usual + (uint64_t)fmax(some, SPARE_SHARE * rest);
+    return share < most ? share : most;
 }
 
 /* Under the lock: whether such a cell fits at all. */
@@ -137,7 +137,7 @@ static mn_code begin_cell(rounds *r, job *j) {
         return MN_OK;
     }
     mn_code code = mni_deal_next(r->deal, &j->hand, r->st);
-    j->bytes = hand_bytes(j->hand.vertices + j->hand.ghosts, j->hand.triangles);
+    j->bytes = mni_cell_dealt_bytes(j->hand.vertices + j->hand.ghosts, j->hand.triangles);
     return code;
 }
 
@@ -239,6 +239,12 @@ static bool go_on_with(void *context) {
     return goes_on;
 }
 
+static mn_code open_dealt(job *j, const mni_cell_desc *desc, mn_status *st) {
+    mn_code code = mni_cell_open_dealt(&j->cell, desc, &j->hand, st);
+    mni_hand_free(&j->hand);
+    return code;
+}
+
 /* What there is becomes a cell. */
 static mn_code open_cell(rounds *r, job *j, mn_status *st) {
     mni_cell_desc desc = {.metric = r->desc.metric,
@@ -247,7 +253,7 @@ static mn_code open_cell(rounds *r, job *j, mn_status *st) {
                           .slack = slack[r->slack],
                           .poll = {go_on_with, r}};
     if (r->round == 0)
-        return mni_cell_open_dealt(&j->cell, &desc, &j->hand, st);
+        return open_dealt(j, &desc, st);
     mn_code code = mni_tiles_take(r->now, &j->crate, st);
     if (code == MN_OK)
         code = mni_cell_open_taken(&j->cell, &desc, &j->crate, r->step, st);
@@ -427,7 +433,7 @@ static mn_code check_deal(const rounds *r) {
     for (uint32_t c = 0; c < r->cells; c++) {
         uint32_t vertices, triangles;
         mni_deal_counts(r->deal, c, &vertices, &triangles);
-        uint64_t bytes = hand_bytes(vertices, triangles);
+        uint64_t bytes = mni_cell_dealt_bytes(vertices, triangles);
         most = bytes > most ? bytes : most;
     }
     return check_room(r, most);
@@ -480,7 +486,15 @@ uint64_t mni_rounds_work_min(uint32_t cell_vertices) {
     return usual_bytes(cell_vertices > 0 ? cell_vertices : MNI_CELL_VERTICES) + REST_BYTES_MIN;
 }
 
-/* Half of the memory for cells at most; threads only where there is room for their cells. */
+uint32_t mni_rounds_cells_for(uint32_t cell_vertices, uint64_t work_bytes) {
+    uint32_t cells = cell_vertices > 0 ? cell_vertices : MNI_CELL_VERTICES;
+    while (work_bytes > 0 && cells > CELL_VERTICES_MIN && mni_rounds_work_min(cells) > work_bytes)
+        cells /= 2;
+    return cells;
+}
+
+/* Threads where there is room for their cells. Most are smaller than what is usual at most, and who
+ * has no room waits. */
 static void plan_memory(rounds *r) {
     mni_rounds_desc *d = &r->desc;
     d->threads = d->threads == 0 ? 1 : d->threads < THREADS_MAX ? d->threads : THREADS_MAX;
@@ -492,10 +506,11 @@ static void plan_memory(rounds *r) {
     if (d->work_bytes == 0)
         return;
     uint64_t one = usual_bytes(r->cell_vertices);
-    while (d->threads > 1 && one * d->threads > d->work_bytes / 2)
+    while (d->threads > 1 && one * d->threads * 3 / 4 > d->work_bytes - REST_BYTES_LEAST)
         d->threads--;
-    r->cells_bytes = cells_share(r, d->work_bytes);
-    r->rest_bytes = d->work_bytes - r->cells_bytes;
+    uint64_t work = d->work_bytes - (d->threads - 1) * THREAD_BYTES;
+    r->cells_bytes = cells_share(r, work);
+    r->rest_bytes = work - r->cells_bytes;
 }
 
 mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *out,
@@ -521,6 +536,7 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     plan_memory(&r);
     /* What cells take comes and goes: a heap would keep it, and more with each cell. */
     mallopt(M_MMAP_THRESHOLD, MMAP_BYTES);
+    mallopt(M_ARENA_MAX, 1);
     mn_code code = mni_history_open(out, desc->temp_dir, desc->keep, st);
     if (code == MN_OK)
         code = all_rounds(&r);

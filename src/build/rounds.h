@@ -37,6 +37,9 @@ typedef struct mni_rounds_desc {
 
 /* The least work_bytes, for one thread. */
 uint64_t mni_rounds_work_min(uint32_t cell_vertices);
+/* For tests of little memory: the largest cells that so much is enough for, of cell_vertices (0:
+ * MNI_CELL_VERTICES), half as many and so on; 0: any. */
+uint32_t mni_rounds_cells_for(uint32_t cell_vertices, uint64_t work_bytes);
 /* Collapses the mesh to one root. It is read, not changed. *out is the caller's to close; on
  * failure it is closed. MN_FAILED: memory, or "interrupted". MN_NO_SPACE: temporary files filled
  * the disk. MN_CAP_TOO_SMALL: cells had to grow past what work_bytes has room for. */

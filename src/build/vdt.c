@@ -224,13 +224,15 @@ static unsigned long long ram_for(uint64_t work_bytes) {
 /* Each phase has all that is left by the program:
  *
  *   read      shares of it (extintake.h): at least MNI_EXTMESH_WORK_MIN, and 1 byte a vertex
- *   simplify  cells, one a thread, and sorts (rounds.c): one cell and its least sorts
+ *   simplify  cells, one a thread, and buffers (rounds.c): one cell and its least buffers
  *   order     buckets and pages (order.c): grows as the square root of the model
  */
 static mn_code plan_memory(maker *m, uint64_t vertices) {
     uint64_t ram = m->simplify.ram_bytes;
     if (m->read.ram_bytes > 0 && (ram == 0 || m->read.ram_bytes < ram))
         ram = m->read.ram_bytes;
+    m->simplify.cell_vertices =
+        mni_rounds_cells_for(m->simplify.cell_vertices, m->simplify.work_bytes);
     uint64_t need =
         max_u64(MNI_EXTMESH_WORK_MIN, max_u64(mni_rounds_work_min(m->simplify.cell_vertices),
                                               mni_order_work_min(vertices)));

@@ -10,7 +10,7 @@
 #include "assert.h"
 #include "varint.h"
 
-enum { DROPPED_BITS = 16, DOUBLE_BYTES = 6, PLACE_BITS = 24 };
+enum { FIXED_BITS = 31, FAR = 900 /* exponents beyond count as 0 */, PLACE_BITS = 24 };
 enum { WITNESSES_MASK = 15, IS_NODE = 16, REACHES = 32, HAS_VALUE = 64, HAS_OFFSET = 128 };
 enum { IS_HINGE = 1, MOVED = 2 /* 4, 8 */, CROSSES = 16, HAS_NORMAL = 32 };
 #define UNIT 32767.0f
@@ -36,20 +36,33 @@ static uint32_t get_u32(const unsigned char **at, uint32_t from) {
     return mni_unfold(mni_varint_get(at), from);
 }
 
-static unsigned char *put_double(unsigned char *to, double x) {
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    bits = (bits + (1 << (DROPPED_BITS - 1))) >> DROPPED_BITS;
-    return put_bytes(to, &bits, DOUBLE_BYTES);
+/* Numbers that are added to each other: of all as many bits below the largest one's first. */
+static unsigned char *put_fixed(unsigned char *to, const double *x, int count) {
+    double largest = 0;
+    int exponent;
+    for (int i = 0; i < count; i++)
+        largest = fmax(largest, fabs(x[i]));
+    frexp(largest, &exponent);
+    int16_t shift = (int16_t)(exponent > -FAR ? FIXED_BITS - exponent : FIXED_BITS + FAR);
+    double scale = ldexp(1, shift);
+    to = put_bytes(to, &shift, sizeof shift);
+    for (int i = 0; i < count; i++) {
+        double at = rint(x[i] * scale);
+        int32_t fixed = (int32_t)fmin(fmax(at, -INT32_MAX), INT32_MAX);
+        to = put_bytes(to, &fixed, sizeof fixed);
+    }
+    return to;
 }
 
-static double get_double(const unsigned char **at) {
-    uint64_t bits = 0;
-    double x;
-    get_bytes(at, &bits, DOUBLE_BYTES);
-    bits <<= DROPPED_BITS;
-    memcpy(&x, &bits, sizeof x);
-    return x;
+static void get_fixed(const unsigned char **at, double *x, int count) {
+    int16_t shift;
+    get_bytes(at, &shift, sizeof shift);
+    double scale = ldexp(1, -shift);
+    for (int i = 0; i < count; i++) {
+        int32_t fixed;
+        get_bytes(at, &fixed, sizeof fixed);
+        x[i] = fixed * scale;
+    }
 }
 
 /* Of a float that is not negative the first 16 bits, rounded up. */
@@ -207,14 +220,17 @@ unsigned char *mni_wire_put_vertex(mni_wire_pen *pen, unsigned char *to, const m
     if (is_node)
         to = put_node(pen, to, v);
     if (flags & HAS_VALUE) {
-        to = put_bytes(to, &v->value, sizeof v->value);
+        uint16_t value = short_of(v->value);
+        to = put_bytes(to, &value, sizeof value);
         to = put_bytes(to, &v->key, sizeof v->key);
     }
     to = put_bytes(to, &v->bounds.radius, sizeof v->bounds.radius);
     to = put_bytes(to, &v->bounds.cone, sizeof v->bounds.cone);
-    for (int i = 0; i < 10; i++)
-        if ((flags & HAS_OFFSET) || (i >= 1 && i <= 6))
-            to = put_double(to, v->quadric[i]);
+    to = put_fixed(to, &v->quadric[1], 6);
+    if (flags & HAS_OFFSET) {
+        to = put_fixed(to, &v->quadric[0], 1);
+        to = put_fixed(to, &v->quadric[7], 3);
+    }
     return witnesses > 0 ? put_witnesses(to, v, witnesses, is_node) : to;
 }
 
@@ -229,14 +245,18 @@ void mni_wire_get_vertex(mni_wire_pen *pen, const unsigned char **at, uint32_t i
     if (flags & IS_NODE)
         get_node(pen, at, v);
     if (flags & HAS_VALUE) {
-        get_bytes(at, &v->value, sizeof v->value);
+        uint16_t value;
+        get_bytes(at, &value, sizeof value);
+        v->value = of_short(value);
         get_bytes(at, &v->key, sizeof v->key);
     }
     get_bytes(at, &v->bounds.radius, sizeof v->bounds.radius);
     get_bytes(at, &v->bounds.cone, sizeof v->bounds.cone);
-    for (int i = 0; i < 10; i++)
-        if ((flags & HAS_OFFSET) || (i >= 1 && i <= 6))
-            v->quadric[i] = get_double(at);
+    get_fixed(at, &v->quadric[1], 6);
+    if (flags & HAS_OFFSET) {
+        get_fixed(at, &v->quadric[0], 1);
+        get_fixed(at, &v->quadric[7], 3);
+    }
     if (witnesses > 0)
         get_witnesses(at, v, witnesses, flags & IS_NODE);
     else

@@ -3,11 +3,12 @@
  *
  * Records lie in parcels (tiles.h), one parcel's behind each other: numbers are varints (varint.h),
  * most of them differences to the record before, positions are counted in steps of the grid. Fields
- * that a leaf does not need are not there. A vertex comes to 60 bytes (a leaf) or 150, a triangle
+ * that a leaf does not need are not there. A vertex comes to 55 bytes (a leaf) or 135, a triangle
  * to 15.
  *
- * What is lost on the way: the last 16 bits of a quadric's doubles; witnesses are rounded to a
- * 32,767th of the farthest one's distance, their slack up to 8 bits; normals to 16 bits. All of it
+ * What is lost on the way: of a quadric, what is less than a 2^31st of its largest part; witnesses
+ * are rounded to a 32,767th of the farthest one's distance, their slack and switch values up to 8
+ * bits (files hold 6 of these); normals to 16 bits. All of it
  * is far below the grid of positions, and the same whoever does it. No memory, any thread. */
 #ifndef MNI_WIRE_H
 #define MNI_WIRE_H

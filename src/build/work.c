@@ -31,6 +31,7 @@
 
 #include "assert.h"
 #include "file.h"
+#include "rounds.h"
 
 static const char state_name[] = "state", new_state_name[] = "state.new";
 static const char magic[8] = "mnwork1\n";
@@ -66,9 +67,10 @@ struct mn_work {
 
 static uint64_t options_sum(const mn_work_desc *desc) {
     const mn_simplify_desc *s = desc->simplify;
-    const uint64_t option[] = {desc->read->weld,   desc->read->reader, s->metric,
-                               s->quadrics_alone,  s->cell_vertices,   s->position_bits,
-                               MNI_WORK_FACTS_MAX, sizeof(state)};
+    const uint32_t cells = mni_rounds_cells_for(s->cell_vertices, s->work_bytes);
+    const uint64_t option[] = {
+        desc->read->weld, desc->read->reader, s->metric,    s->quadrics_alone, cells,
+        s->position_bits, MNI_WORK_FACTS_MAX, sizeof(state)};
     return XXH3_64bits_withSeed(option, sizeof option,
                                 XXH3_64bits(METANODE_VERSION, sizeof METANODE_VERSION));
 }

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "block.h"
+#include "rounds.h"
 #include "suite.h"
 #include "tree.h"
 #include "tree_fixture.h"
@@ -258,6 +259,32 @@ START_TEST(memory_and_threads_change_nothing) {
 }
 END_TEST
 
+/* With less than cells of the usual size take they are smaller, and no tree depends on more. */
+START_TEST(four_megabytes_to_work_in) {
+    static const mn_simplify_desc as[] = {{.work_bytes = 4 << 20},
+                                          {.work_bytes = 4 << 20, .threads = 2},
+                                          {.cell_vertices = MNI_CELL_VERTICES / 4, .threads = 2}};
+    char in[128], first[128], other[128];
+    mn_status st = {0};
+    snprintf(in, sizeof in, "%s", fixture_path("little.ply"));
+    snprintf(first, sizeof first, "%s", fixture_path("little.vdt"));
+    snprintf(other, sizeof other, "%s", fixture_path("little2.vdt"));
+    write_sheet(in, 150, false);
+    for (int i = 0; i < 3; i++) {
+        mn_vdt *vdt;
+        mn_simplify_desc desc = as[i];
+        desc.temp_dir = ".";
+        ck_assert_msg(mn_vdt_make(in, NULL, &desc, NULL, &vdt, &st) == MN_OK, "%s", st.text);
+        ck_assert_uint_gt(mn_vdt_head(vdt)->counts.rounds, 1);
+        ck_assert_uint_eq(mn_vdt_head(vdt)->counts.order_violations, 0);
+        ck_assert_msg(mn_vdt_write(vdt, i == 0 ? first : other, NULL, &st) == MN_OK, "%s", st.text);
+        if (i > 0)
+            same_files(first, other);
+        mn_vdt_close(vdt);
+    }
+}
+END_TEST
+
 typedef struct stop_place {
     const char *phase;
     uint64_t after;
@@ -398,6 +425,7 @@ int main(void) {
     tcase_add_test(t, the_build_id_is_of_the_content);
     tcase_add_loop_test(t, made_written_opened_and_blocked, 0, 2);
     tcase_add_test(t, memory_and_threads_change_nothing);
+    tcase_add_test(t, four_megabytes_to_work_in);
     tcase_add_loop_test(t, work_that_was_kept_is_gone_on_from, 0, 4);
     tcase_add_test(t, a_file_in_any_unit);
     tcase_add_test(t, what_cannot_be_made_is_refused);
