@@ -53,7 +53,9 @@ enum { LEFT_PERCENT = 43 };
 enum { PARCEL_BYTES = 176 };
 enum { CELL_VERTICES_MIN = 1024 }; /* unless it is asked for */
 enum { TILES_BYTES_MIN = 64 << 10, REST_BYTES_MIN = 2 << 20, REST_BYTES_LEAST = 5 << 18 };
-enum { THREAD_BYTES = 256 << 10 };      /* another one's stack, and what the heap keeps for it */
+/* Another thread's stack, and what the heap keeps for it. A tile's share of the tables: of what is
+ * left, and of what is taken, which is half as much; so far the least memory has room for them. */
+enum { THREAD_BYTES = 512 << 10, TILE_BYTES = 80, TABLES_MAX = REST_BYTES_MIN - REST_BYTES_LEAST };
 #define DEAL_BYTES (UINT64_C(64) << 20) /* more is not used */
 
 /* Of the memory beside cells, what each may have. */
@@ -508,7 +510,9 @@ static void plan_memory(rounds *r) {
     uint64_t one = usual_bytes(r->cell_vertices);
     while (d->threads > 1 && one * d->threads * 3 / 4 > d->work_bytes - REST_BYTES_LEAST)
         d->threads--;
-    uint64_t work = d->work_bytes - (d->threads - 1) * THREAD_BYTES;
+    uint64_t tiles = (uint64_t)r->vertices * LEFT_PERCENT / 100 * CELL_TILES / r->cell_vertices;
+    uint64_t tables = tiles * TILE_BYTES < TABLES_MAX ? tiles * TILE_BYTES : TABLES_MAX;
+    uint64_t work = d->work_bytes - (d->threads - 1) * THREAD_BYTES - tables;
     r->cells_bytes = cells_share(r, work);
     r->rest_bytes = work - r->cells_bytes;
 }
