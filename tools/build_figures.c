@@ -138,7 +138,18 @@ static void report_text(const build_steps *b) {
            (double)file_bytes / t->leaves);
 }
 
+/* Trees are as unbalanced as surfaces are: the longest block decides how much room all take. */
+static void warn_of_empty_blocks(const build_steps *b) {
+    if (b->header.blocks > 1 && b->header.l > 0 && b->header.fill_mean < 0.5)
+        fprintf(
+            stderr,
+            "metanode: warning: blocks of %u levels are filled %.0f %%; no other -L fills those of "
+            "such a tree, --blocking packed does\n",
+            b->header.l, 100 * b->header.fill_mean);
+}
+
 void build_report(const build_steps *b) {
+    warn_of_empty_blocks(b);
     if (b->json)
         report_json(b);
     else

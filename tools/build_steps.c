@@ -2,6 +2,7 @@
 #include "build_steps.h"
 
 #include <getopt.h>
+#include <malloc.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -14,6 +15,8 @@ static const char *const weld_names[] = {"on", "off", NULL};            /* by mn
 static const char *const reader_names[] = {"own", "openmesh", NULL};    /* by mn_reader */
 
 /* ---- options -------------------------------------------------------------------------------- */
+
+enum { MMAP_BYTES = 16 << 10 }; /* what takes more is given back as soon as it is freed */
 
 /* As they stand on the command line. */
 typedef struct words {
@@ -139,6 +142,9 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
     if (temp_place(&b->temp, b->out, w.temp_dir, w.resume, &b->st) != MN_OK)
         return (mn_code)cli_status(&b->st);
     b->simplify.temp_dir = b->temp.folder;
+    /* What cells take comes and goes: a heap would keep it, and more with each cell. */
+    mallopt(M_MMAP_THRESHOLD, MMAP_BYTES);
+    mallopt(M_ARENA_MAX, 1);
     cli_interrupts_catch();
     return MN_OK;
 }

@@ -117,9 +117,11 @@ mn_code cli_flags(int argc, char **argv, const cli_flag *flags, const char *help
         }
         if (at < 0)
             return MN_USAGE;
+        const char letter[] = {'-', flags[at].letter, 0}; /* what help has */
         if (!take_value(&flags[at]))
-            return (mn_code)cli_error(MN_USAGE, "%s: --%s '%s' is not %s", argv[0], flags[at].name,
-                                      optarg, flags[at].wants);
+            return (mn_code)cli_error(
+                MN_USAGE, "%s: %s%s '%s' is not %s", argv[0], flags[at].letter != 0 ? "" : "--",
+                flags[at].letter != 0 ? letter : flags[at].name, optarg, flags[at].wants);
         if (flags[at].given != NULL)
             ++*flags[at].given;
     }

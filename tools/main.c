@@ -15,7 +15,7 @@ static const cli_command commands[] = {
     {"info", cmd_info, "what a .mnt or .vdt says of itself"},
     {"verify", cmd_verify, "is a file sound, and is it the mesh it was built from?"},
     {"extract", cmd_extract, "a mesh out of a .mnt or .vdt, as detailed as wanted"},
-    {"make", cmd_make, "models of any size: sphere, terrain, isosurface; subdivide"},
+    {"make", cmd_make, "models of any size: sphere, terrain, isosurface, earth; subdivide"},
     {"compare", cmd_compare, "distance between two meshes, or two pictures"},
     {"replay", cmd_replay, "navigates along a path without a window, with figures"},
     {"view", cmd_view, "the window"},

@@ -131,7 +131,9 @@ typedef struct mn_simplify_desc {
     mn_metric metric;        /* default qem */
     bool quadrics_alone;     /* qem: the error on the surface is not measured in advance; for
                                 comparisons */
-    uint64_t ram_bytes;      /* 0: no bound. Too small: MN_CAP_TOO_SMALL names what would do */
+    uint64_t ram_bytes;      /* 0: no bound. Too small: MN_CAP_TOO_SMALL names what would do. The
+                                process stays below it if it gives back what it frees: mallopt's
+                                M_MMAP_THRESHOLD at 16 KiB, M_ARENA_MAX 1 */
     uint64_t work_bytes;     /* what cells, sorts and buffers share of it, for tests of little
                                 memory; 0: all that is left. Where that is too little for cells of
                                 cell_vertices these are halved, and the tree is another */

@@ -102,11 +102,11 @@ static bool no_memory(mni_intake *intake) {
 /* The cap is too small for `need`. */
 static bool refuse(mni_intake *intake, uint64_t need) {
     mn_fail(intake->st, MN_CAP_TOO_SMALL,
-            "%s: up to %llu vertices and %llu triangles take %llu bytes, the cap is %llu: "
+            "%s: up to %llu vertices and %llu triangles take %.1f MB, the cap is %.1f MB: "
             "--ram %lluM would do",
             intake->name, (unsigned long long)mni_weld_vertices(&intake->weld),
-            (unsigned long long)intake->triangles, (unsigned long long)need,
-            (unsigned long long)intake->ram_bytes, (unsigned long long)((need >> 20) + 1));
+            (unsigned long long)intake->triangles, (double)need / (1 << 20),
+            (double)intake->ram_bytes / (1 << 20), (unsigned long long)((need >> 20) + 1));
     return false;
 }
 

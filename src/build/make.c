@@ -13,8 +13,8 @@ static mn_code (*const shapes[])(const mn_make_desc *, mni_make_ply *, mn_status
     [MN_SHAPE_EARTH] = mni_make_earth,
 };
 
-/* Vertices are numbered with 32 bits and a reader takes 2^31 of them; closed surfaces have half as
- * many vertices as triangles. */
+/* Vertices are numbered with 32 bits and a reader takes 2^31 - 1 of them; closed surfaces have half
+ * as many vertices as triangles. */
 #define TRIANGLES_MAX UINT64_C(4000000000)
 
 mn_code mni_make_progress(const mn_make_desc *desc, const mni_make_ply *ply, uint64_t done,

@@ -31,7 +31,7 @@
 #define POLE_REACH 1e-6 /* degrees: a row this near to ±90° is the pole */
 #define COLUMNS_MAX (UINT64_C(1) << 20)
 #define ROWS_MAX (UINT64_C(1) << 20)
-#define VERTICES_MAX (UINT64_C(1) << 31) /* as readers have it */
+#define VERTICES_MAX ((UINT64_C(1) << 31) - 1) /* as readers have it */
 
 typedef struct globe {
     const char *name; /* of the file, for messages */

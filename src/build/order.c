@@ -144,8 +144,8 @@ mn_code mni_order(mni_history *history, mni_extmesh *mesh, const mni_order_desc 
     if (work == 0 || work > all)
         work = all;
     if (!plan_memory(&w.plan, vertices, work, MNI_BUCKET_CHUNK_MIN))
-        return mn_fail(st, MN_CAP_TOO_SMALL, "%llu bytes are too few to order %llu vertices",
-                       (unsigned long long)work, (unsigned long long)vertices);
+        return mn_fail(st, MN_CAP_TOO_SMALL, "%.1f MB are too few to order %llu vertices",
+                       (double)work / (1 << 20), (unsigned long long)vertices);
     mn_code code = mni_spill_open_kept(&out->file, desc->temp_dir, desc->keep, st);
     if (code == MN_OK)
         code = open_work(&w);

@@ -15,7 +15,8 @@
 
 /* ---- the intake ----------------------------------------------------------------------------- */
 
-#define MNI_VERTICES_MAX (UINT64_C(1) << 31) /* the design's bound */
+/* The design's bound, less one: a node's number is that of a vertex, or of a collapse and 2^31. */
+#define MNI_VERTICES_MAX ((UINT64_C(1) << 31) - 1)
 /* Half-edges are numbered in 32 bits. */
 #define MNI_TRIANGLES_MAX ((uint64_t)(UINT32_MAX - 1) / 3)
 

@@ -43,7 +43,7 @@ enum { STUCK_PART = 64, STUCK_ROUNDS = 2 };
  * than is usual, and 16 MB must do for them. */
 static const double SPARE_SHARE = 0.125, SPARE_SHARE_MAX = 0.4;
 
-enum { THREADS_MAX = 16, MMAP_BYTES = 16 << 10 };
+enum { THREADS_MAX = 16 };
 
 /* Tiles in a cell; samples in a tile of which cells leave as much as they do of surfaces. */
 enum { CELL_TILES = 8, TILE_SAMPLES = 64 };
@@ -538,9 +538,6 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     uint64_t read_before = mesh->vertex.bytes_read + mesh->triangle.bytes_read;
     MN_ASSERT(mesh->vertices > 1 && mesh->vertices < MNI_COLLAPSE);
     plan_memory(&r);
-    /* What cells take comes and goes: a heap would keep it, and more with each cell. */
-    mallopt(M_MMAP_THRESHOLD, MMAP_BYTES);
-    mallopt(M_ARENA_MAX, 1);
     mn_code code = mni_history_open(out, desc->temp_dir, desc->keep, st);
     if (code == MN_OK)
         code = all_rounds(&r);

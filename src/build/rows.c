@@ -15,6 +15,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "assert.h"
@@ -78,6 +79,13 @@ mn_code mni_rows_trouble(mni_rows *rows, mn_status *st) {
     return trouble.code == MN_OK ? MN_OK : mn_fail(st, trouble.code, "%s", trouble.text);
 }
 
+uint64_t mni_rows_stamp(int fd) {
+    struct stat info;
+    if (fstat(fd, &info) != 0)
+        return 1;
+    return ((uint64_t)info.st_ctim.tv_sec * 1000000000u + (uint64_t)info.st_ctim.tv_nsec) | 1;
+}
+
 /* ---- pages: under the lock ------------------------------------------------------------------- */
 
 static bool read_bytes(mni_rows *rows, uint64_t offset, unsigned char *to, size_t wanted) {
@@ -96,6 +104,12 @@ static bool read_bytes(mni_rows *rows, uint64_t offset, unsigned char *to, size_
         offset += (uint64_t)got;
         wanted -= (size_t)got;
         rows->bytes_read += (uint64_t)got;
+    }
+    /* what was checked when it was first looked at is trusted from then on */
+    if (s->stamp != 0 && s->stamp != mni_rows_stamp(s->fd)) {
+        mn_fail(&rows->trouble, MN_BAD_INPUT, "%s: was changed while it was read; try again",
+                s->name != NULL ? s->name : "temporary file");
+        return false;
     }
     return true;
 }

@@ -52,7 +52,11 @@ typedef struct mni_rows_source {
     uint64_t places_offset; /* of where packed pages begin; 0: they are not packed */
     float grid_step;        /* for packed ones */
     const char *name;       /* of the file, for messages; NULL: it has none */
+    uint64_t stamp;         /* the file's when it was opened; 0: nobody else has it */
 } mni_rows_source;
+
+/* Another whenever somebody has written to the file, or done something else to it; never 0. */
+uint64_t mni_rows_stamp(int fd);
 
 typedef struct mni_rows_slot {
     uint64_t page; /* its kind and number */

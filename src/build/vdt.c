@@ -36,6 +36,7 @@ struct mn_vdt {
     mni_spill made; /* of a tree that was made; -1: opened */
     mni_in file;    /* of one that was opened; -1: made */
     char *path;     /* likewise */
+    uint64_t stamp; /* likewise: before its bytes were summed up */
     mn_vdt_figures figures;
 };
 
@@ -242,15 +243,16 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
     m->work_bytes = ram == 0 ? 0 : work_of(ram);
     const uint64_t less = m->simplify.work_bytes;
     if (less != 0 && less < need)
-        return mn_fail(m->st, MN_CAP_TOO_SMALL, "%s: %llu bytes to work in are too few: try %llu",
-                       m->in, (unsigned long long)less, (unsigned long long)need);
+        return mn_fail(m->st, MN_CAP_TOO_SMALL,
+                       "%s: %.1f MB to work in are too few: try --work-ram %lluM", m->in,
+                       (double)less / (1 << 20), (unsigned long long)(need >> 20) + 1);
     if (less != 0 && (ram == 0 || less < m->work_bytes))
         m->work_bytes = less;
     if (ram == 0 || m->work_bytes >= need)
         return MN_OK;
     return mn_fail(m->st, MN_CAP_TOO_SMALL,
-                   "%s: %llu bytes of memory are too few to simplify in: try --ram %lluM", m->in,
-                   (unsigned long long)ram, ram_for(need));
+                   "%s: %.1f MB of memory are too few to simplify in: try --ram %lluM", m->in,
+                   (double)ram / (1 << 20), ram_for(need));
 }
 
 static mn_code read_phase(maker *m) {
@@ -424,7 +426,8 @@ static mni_rows_source source_of(const mn_vdt *vdt) {
     mni_rows_source s = {.rows = vdt->head.leaves,
                          .simplices = vdt->head.simplices,
                          .has_colors = vdt->has_colors,
-                         .name = vdt->path};
+                         .name = vdt->path,
+                         .stamp = vdt->stamp};
     if (vdt->made.fd < 0) {
         s.fd = vdt->file.fd;
         s.row_offset = sizeof(mni_vdt_header);
@@ -485,6 +488,7 @@ static mn_code open_file(mn_vdt *vdt, const mn_watch *watch, mn_status *st) {
         vdt->file.fd = -1;
         return code;
     }
+    vdt->stamp = mni_rows_stamp(vdt->file.fd);
     code = mni_vdt_header_read(&vdt->file, vdt->path, &h, &vdt->head, st);
     if (code != MN_OK)
         return code;

@@ -331,21 +331,21 @@ START_TEST(binary_refusals) {
 }
 END_TEST
 
-/* One vertex more than 2^31: said at once, of a file that is long enough for them (and takes no
- * room on the disk). */
+/* 2^31 vertices, one more than can be numbered: said at once, of a file that is long enough for
+ * them (and takes no room on the disk). */
 START_TEST(more_vertices_than_can_be) {
     char path[] = "/tmp/mn-ply-XXXXXX";
     const int fd = mkstemp(path);
     mn_mesh mesh;
     mn_status st = {0};
-    ck_assert_int_gt(dprintf(fd, "ply\nformat binary_little_endian 1.0\nelement vertex 2147483649\n"
+    ck_assert_int_gt(dprintf(fd, "ply\nformat binary_little_endian 1.0\nelement vertex 2147483648\n"
                                  "property uchar x\nproperty uchar y\nproperty uchar z\n"
                                  "element face 1\n"
                                  "property list uchar uchar vertex_indices\nend_header\n"),
                      0);
     if (ftruncate(fd, INT64_C(7) << 30) == 0) {
         ck_assert_int_eq(mn_mesh_read(path, NULL, &mesh, &st), MN_BAD_INPUT);
-        ck_assert_ptr_nonnull(strstr(st.text, "2147483649 vertices, more than the 2147483648"));
+        ck_assert_ptr_nonnull(strstr(st.text, "2147483648 vertices, more than the 2147483647"));
     } else {
         printf("skipped: no file of 7 GB can be here\n");
     }

@@ -383,6 +383,39 @@ START_TEST(a_tree_that_changes_is_told) {
 }
 END_TEST
 
+/* Writes over all rows, until the file's clock says so. */
+static bool write_over(void *context, const char *phase, uint64_t done, uint64_t total) {
+    const filed *f = context;
+    unsigned char noise[4096];
+    (void)phase, (void)done, (void)total;
+    memset(noise, 0xa5, sizeof noise);
+    do
+        for (size_t at = 0; at + sizeof noise <= f->size[MNI_ROWS]; at += sizeof noise)
+            ck_assert(pwrite(f->file.fd, noise, sizeof noise, (off_t)(at_rows + at)) ==
+                      (ssize_t)sizeof noise);
+    while (mni_rows_stamp(f->file.fd) == f->file.stamp);
+    return true;
+}
+
+/* Rows that were checked are trusted when they are read again: another's by then ended the program.
+ */
+START_TEST(a_file_that_is_written_to_is_told) {
+    filed f;
+    make_filed(0, 150, &f);
+    f.file.stamp = mni_rows_stamp(f.file.fd);
+    for (uint32_t threads = 1; threads <= 2; threads++) {
+        mn_status st = {0};
+        const mn_block_desc desc = {
+            .ram_bytes = 1, .threads = threads, .progress = write_over, .progress_context = &f};
+        write_section(&f, MNI_ROWS);
+        f.file.stamp = mni_rows_stamp(f.file.fd);
+        ck_assert_int_eq(block(&f, &f.file, "w.mnt", &desc, NULL, NULL, &st), MN_BAD_INPUT);
+        ck_assert_msg(strstr(st.text, "changed while it was read") != NULL, "%s", st.text);
+    }
+    close_filed(&f);
+}
+END_TEST
+
 /* What no block shows: rows that nobody refers to, counts that are others'. */
 START_TEST(heads_that_do_not_fit_are_refused) {
     filed f;
@@ -480,6 +513,7 @@ int main(void) {
     tcase_add_loop_test(t, the_same_bytes_in_any_memory, 0, KINDS);
     tcase_add_loop_test(t, lies_are_found_out, 0, KINDS);
     tcase_add_test(t, a_tree_that_changes_is_told);
+    tcase_add_test(t, a_file_that_is_written_to_is_told);
     tcase_add_test(t, heads_that_do_not_fit_are_refused);
     tcase_add_test(t, files_that_end_early_are_told);
     tcase_add_test(t, nothing_is_lost_by_a_full_disk);
