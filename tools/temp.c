@@ -148,20 +148,13 @@ mn_code temp_check(const temp_files *files, const char *out, mn_status *st) {
     return MN_OK;
 }
 
-/* Bytes on disk of an open file that is temporary; 0: it is not. */
-static uint64_t held_by(const char *fd, const char *work) {
-    char link[64], path[PATH_MAX];
+/* Bytes on disk of an open file without a name; 0: it has one. */
+static uint64_t held_by(const char *fd) {
+    char link[64];
     struct stat info;
     snprintf(link, sizeof link, "/proc/self/fd/%.20s", fd);
-    if (stat(link, &info) != 0 || !S_ISREG(info.st_mode))
+    if (stat(link, &info) != 0 || !S_ISREG(info.st_mode) || info.st_nlink > 0)
         return 0;
-    if (info.st_nlink > 0) {
-        const ssize_t length = readlink(link, path, sizeof path - 1);
-        const size_t folder = strlen(work);
-        path[length > 0 ? length : 0] = 0;
-        if (strncmp(path, work, folder) != 0 || path[folder] != '/')
-            return 0;
-    }
     return (uint64_t)info.st_blocks * 512;
 }
 
@@ -173,14 +166,12 @@ void temp_look(temp_files *files) {
         return;
     files->looked_s = now_s;
     DIR *list = opendir("/proc/self/fd");
-    char *work = realpath(files->work, NULL);
     const struct dirent *entry;
-    files->held_bytes = 0;
+    files->held_bytes = kept_bytes(files->work); /* whether they are open or not */
     while (list != NULL && (entry = readdir(list)) != NULL)
-        files->held_bytes += held_by(entry->d_name, work != NULL ? work : "//");
+        files->held_bytes += held_by(entry->d_name);
     if (files->held_bytes > files->peak_bytes)
         files->peak_bytes = files->held_bytes;
-    free(work);
     if (list != NULL)
         closedir(list);
 }

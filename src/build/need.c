@@ -1,21 +1,25 @@
 /* How much disk a build takes: a pure function of what is to be built, and of memory.
  *
  *   read       vertices and corners as they came, sorted by place, then both as they are kept
- *   simplify   the mesh, what has been made of it, and two rounds' records, half of which are left
- *              after each; where these fit in memory only the mesh and what has been made of it
+ *   simplify   the mesh, what has been made of it, and two rounds' records, less what buffers hold
  *   order      what has been made, twice, as rows, and the output
  *
- * The factors are a third above what was measured (bench/build, columns disk and planned; sponges
- * of 1 to 3 million triangles take most). Memory: none. */
+ * A vertex with its two triangles takes, at the peak, of what is kept for --resume too
+ * (bench/build; a tmpfs asked every 2 ms):
+ *
+ *   with memory for all records    66 to 74 bytes (armadillo, igea, globes, terrain), sponges 88
+ *   without any                   100 to 128,                                          sponges 157
+ *
+ * Memory: none. */
 #include "metanode/build.h"
 
 enum {
     READ_VERTEX_BYTES = 48, /* with coordinates that floats do not hold */
     READ_TRIANGLE_BYTES = 24,
-    IN_MEMORY_BYTES = 1000, /* of memory, a vertex: what rounds' records and their sorts take */
-    SIMPLIFY_VERTEX_BYTES = 200,
-    SIMPLIFY_TRIANGLE_BYTES = 60,
-    ORDER_VERTEX_BYTES = 160, /* in memory, simplifying takes less than that */
+    KEPT_VERTEX_BYTES = 52, /* whatever memory there is */
+    KEPT_TRIANGLE_BYTES = 19,
+    ALL_VERTEX_BYTES = 100, /* without memory */
+    ALL_TRIANGLE_BYTES = 30,
     LEAST_BYTES = 1 << 16,
 };
 
@@ -23,13 +27,21 @@ static uint64_t max_u64(uint64_t a, uint64_t b) {
     return a > b ? a : b;
 }
 
+/* What keeps off the disk of so much memory: less of each byte where there is much of it, since
+ * cells and the model's unevenness decide what is in memory when most is on the disk. */
+static uint64_t buffer_bytes(uint64_t ram_bytes) {
+    const uint64_t cells = 8 << 20, few = 20 << 20;
+    const uint64_t rest = ram_bytes > cells ? ram_bytes - cells : 0;
+    return rest < few ? rest * 3 / 10 : few * 3 / 10 + (rest - few) / 10;
+}
+
 uint64_t mn_vdt_temp_bytes(uint64_t vertices, uint64_t triangles, uint64_t ram_bytes) {
     /* Corners that bring their own vertices (STL) are welded: two triangles have one. */
     const uint64_t half = triangles / 2 + triangles / 20,
                    welded = vertices < half ? vertices : half;
     const uint64_t read = READ_VERTEX_BYTES * vertices + READ_TRIANGLE_BYTES * triangles;
-    const bool in_memory = ram_bytes == 0 || ram_bytes / IN_MEMORY_BYTES > welded;
-    const uint64_t simplify =
-        in_memory ? 0 : SIMPLIFY_VERTEX_BYTES * welded + SIMPLIFY_TRIANGLE_BYTES * triangles;
-    return LEAST_BYTES + max_u64(read, max_u64(simplify, ORDER_VERTEX_BYTES * welded));
+    const uint64_t kept = KEPT_VERTEX_BYTES * welded + KEPT_TRIANGLE_BYTES * triangles;
+    const uint64_t all = ALL_VERTEX_BYTES * welded + ALL_TRIANGLE_BYTES * triangles;
+    const uint64_t buffers = ram_bytes == 0 ? all : buffer_bytes(ram_bytes);
+    return LEAST_BYTES + max_u64(read, max_u64(kept, all > buffers ? all - buffers : 0));
 }
