@@ -158,8 +158,10 @@ done
 
 # --- caps
 expect 5 build in.ply -o x.mnt --ram 200K
-bytes=$(grep -o '[0-9]\{5,\}' err.txt | tail -1)
-[ -n "$bytes" ] || fail "exit 5 names no number: $(cat err.txt)"
+ram=$(sed -n 's/.*try --ram \([0-9]*M\).*/\1/p' err.txt)
+[ -n "$ram" ] || fail "exit 5 names no number: $(cat err.txt)"
+expect 0 build in.ply -o x.mnt --ram "$ram"
+rm x.mnt
 
 # --- standard output on a full disk, and none at all
 for command in "info a.mnt --json" "verify a.mnt" "extract a.mnt --full -o x.ply --json" "--help" \
