@@ -289,7 +289,8 @@ START_TEST(cap_names_a_number_that_works) {
         ck_assert_ptr_nonnull(number);
         desc.ram_bytes = strtoull(number + 6, NULL, 10) << 20;
         if (round == 0 && _i != GRID_STL) /* a soup's need is known only after welding */
-            desc.ram_bytes = strtoull(strstr(st.text, "take ") + 5, NULL, 10) - (1 << 18);
+            desc.ram_bytes =
+                (uint64_t)(strtod(strstr(st.text, "take ") + 5, NULL) * (1 << 20)) - (1 << 18);
         else if (round == 0)
             desc.ram_bytes = 2 << 20;
     }
