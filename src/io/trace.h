@@ -54,7 +54,8 @@ void mni_trace_put(mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b);
 /* For what happens every few hundred nanoseconds: takes the time of one event in 16, the others
  * have that one's. */
 void mni_trace_put_often(mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b);
-/* A miss, for want of the block that was absent last; bad: of one that contradicts its parent. */
+/* A miss, for want of the block that was absent last or mni_trace_lacks names; bad: of one that
+ * contradicts its parent. */
 void mni_trace_put_miss(uint32_t aux, bool bad);
 
 /* Arguments are evaluated only where there is a trace. */
@@ -80,6 +81,12 @@ void mni_trace_put_miss(uint32_t aux, bool bad);
         if (mni_trace_on())                                                                        \
             mni_trace_put_miss(aux, bad);                                                          \
     } while (0)
+
+/* The next miss is for want of that block, whoever had asked for it. */
+static inline void mni_trace_lacks(uint32_t block_id) {
+    if (mni_trace_on())
+        mni_trace_mine->absent = block_id;
+}
 
 /* Until rehearsals end, what is asked for leaves no trace, and what is done for it is marked. */
 static inline void mni_trace_rehearse(bool rehearses) {

@@ -37,6 +37,10 @@ bool mni_failures_due(const mni_failures *failures, uint32_t block_id, uint64_t 
     return at == MNI_HASHMAP_NONE || failures->record[at].retry_frame <= frame;
 }
 
+bool mni_failures_has(const mni_failures *failures, uint32_t block_id) {
+    return mni_hashmap_find(&failures->by_id, block_id) != MNI_HASHMAP_NONE;
+}
+
 void mni_failures_forget(mni_failures *failures, uint32_t block_id) {
     uint32_t at = mni_hashmap_find(&failures->by_id, block_id);
     if (at == MNI_HASHMAP_NONE)

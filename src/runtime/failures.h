@@ -33,6 +33,8 @@ void mni_failures_open(mni_failures *failures, mni_arena *arena);
 bool mni_failures_add(mni_failures *failures, uint32_t block_id, uint64_t frame);
 /* May the block be tried in `frame`? */
 bool mni_failures_due(const mni_failures *failures, uint32_t block_id, uint64_t frame);
+/* Is it known to be bad? */
+bool mni_failures_has(const mni_failures *failures, uint32_t block_id);
 /* The block has been read and is sound. */
 void mni_failures_forget(mni_failures *failures, uint32_t block_id);
 

@@ -28,6 +28,8 @@ enum {
 };
 /* Of forks on the agenda, in place of an order id. WAITS: it is on its blocker's list already. */
 enum { UNTESTED = 0, FREE, WAITS };
+#define NOBODY UINT16_MAX /* has pushed the first of a stack */
+
 #define CLOCK_MAX                                                                                  \
     1000               /* × the largest coordinate: margins of a hundredth of that are 9 bits yet \
                         */
@@ -228,52 +230,93 @@ static uint32_t push_blockers(mni_navigator *nav, uint32_t slot, uint32_t top) {
     return room > 1 ? mni_front_split_blockers(&nav->front, slot, nav->stack + top, room) : 1;
 }
 
-static bool is_missed(const mni_navigator *nav, uint32_t missed, mni_front_ref node) {
-    for (uint32_t i = 0; i < missed; i++)
-        if (nav->missed[i].slot == node.slot && nav->missed[i].order == node.order)
-            return true;
-    return false;
+/* Of the blockers pushed last, those of which nothing is known yet that keeps them from being
+ * split, to the front; *lack: of another one, so that whoever has pushed them cannot be split
+ * either. Then those that are sound are left out as well. */
+static uint32_t keep_unknown(mni_navigator *nav, uint32_t top, uint32_t pushed,
+                             const mni_lack **lack) {
+    const mni_lacking *lacking = &nav->lacking;
+    uint32_t kept = 0, unknown = 0;
+    for (uint32_t i = 0; i < pushed; i++) {
+        const mni_lack *found = mni_lacking_of(lacking, nav->stack[top + i].order);
+        if (found == NULL)
+            nav->stack[top + kept++] = nav->stack[top + i];
+        else
+            *lack = found;
+    }
+    if (*lack == NULL)
+        return kept;
+    for (uint32_t i = 0; i < kept; i++)
+        if (!mni_lacking_is_sound(lacking, nav->stack[top + i].order))
+            nav->stack[top + unknown++] = nav->stack[top + i];
+    return unknown;
 }
 
-/* Of the blockers pushed last, those that are not missed; *waits: there were others, so whoever has
- * pushed them cannot be split either. */
-static uint32_t keep_unmissed(mni_navigator *nav, uint32_t top, uint32_t pushed, uint32_t missed,
-                              bool *waits) {
-    uint32_t kept = 0;
-    for (uint32_t i = 0; i < pushed; i++)
-        if (!is_missed(nav, missed, nav->stack[top + i]))
-            nav->stack[top + kept++] = nav->stack[top + i];
-    *waits = kept < pushed;
-    return kept;
+/* What stands there on the stack cannot be split, nor can who had it pushed, and so on. */
+static void chain_lacks(mni_navigator *nav, uint32_t at, mni_lack lack) {
+    mni_lacking_put(&nav->lacking, nav->stack[at].order, lack.block_id, lack.brief);
+    for (at = nav->pusher[at]; at != NOBODY; at = nav->pusher[at]) {
+        const mni_lack *known = mni_lacking_of(&nav->lacking, nav->stack[at].order);
+        if (known != NULL && known->brief <= lack.brief)
+            return;
+        mni_lacking_put(&nav->lacking, nav->stack[at].order, lack.block_id, lack.brief);
+    }
+}
+
+static mni_lack block_absent(const mni_store *store) {
+    mni_lack lack = {0};
+    lack.brief = !mni_store_absent(store, &lack.block_id);
+    return lack;
+}
+
+/* A chain that lacks a block will be undone: of what it has split it is known that it could be. */
+static void chain_learn(mni_navigator *nav, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++)
+        mni_lacking_put_sound(&nav->lacking, nav->front.branch[nav->chain[i]].order);
 }
 
 /* Splits slot and, before it, what must be split before it; whole, or not at all. *count: splits in
  * nav->chain. No recursion: order ids rise along the stack, so that it ends. When a block is absent
  * it goes on with what does not depend on that, so that all blocks that are absent are asked for at
- * once, and not one a frame. */
+ * once, and not one a frame; but not with what another chain has found in this frame. */
 static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
     mni_front *front = &nav->front;
     mni_outcome outcome = MNI_DONE;
     uint32_t top = 1, missed = 0, first_missed = 0;
     nav->stack[0] = mni_front_ref_of(front, slot);
+    nav->pusher[0] = NOBODY;
     *count = 0;
+    const mni_lack *lack = mni_lacking_of(&nav->lacking, nav->stack[0].order);
+    if (lack != NULL) {
+        mni_trace_lacks(lack->block_id);
+        return MNI_MISS;
+    }
+    mni_lacking_chain(&nav->lacking);
     while (top > 0 && outcome == MNI_DONE) {
         mni_front_ref at = nav->stack[top - 1];
-        if (!mni_front_stands(front, at) || is_missed(nav, missed, at)) {
-            top--; /* another way has split it, or asked for it */
+        if (!mni_front_stands(front, at)) {
+            top--; /* another way has split it */
             continue;
         }
-        bool waits = false;
         uint32_t pushed = push_blockers(nav, at.slot, top);
-        if (missed > 0)
-            pushed = keep_unmissed(nav, top, pushed, missed, &waits);
+        lack = mni_lacking_of(&nav->lacking, at.order);
+        if (nav->lacking.any)
+            pushed = keep_unknown(nav, top, pushed, &lack);
+        if (lack != NULL) {
+            first_missed = missed == 0 ? *count : first_missed;
+            missed += missed == 0 || pushed == 0;
+            mni_trace_lacks(lack->block_id);
+            chain_lacks(nav, top - 1, *lack);
+        }
         if (pushed > 0) {
+            for (uint32_t i = 0; i < pushed; i++)
+                nav->pusher[top + i] = (uint16_t)(top - 1);
             top += pushed;
         } else if (missed > 0 &&
-                   (missed == MNI_MISSED_MAX || *count - first_missed == MNI_SURVEY_MAX)) {
+                   (missed >= MNI_MISSED_MAX || *count - first_missed == MNI_SURVEY_MAX)) {
             outcome = MNI_MISS;
-        } else if (waits) {
-            nav->missed[missed++] = at;
+        } else if (lack != NULL) {
+            top--;
         } else if (top == MNI_STACK_MAX || *count == nav->chain_max) {
             outcome = MNI_REFUSED_FRONT;
         } else if (nav->ops_max > 0 && ops(nav) > 0 && ops(nav) + *count >= nav->ops_max) {
@@ -288,13 +331,18 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
                     outcome = MNI_REFUSED_FRONT;
             } else if (outcome == MNI_MISS) {
                 first_missed = missed == 0 ? *count : first_missed;
-                nav->missed[missed++] = at;
+                missed++;
+                chain_lacks(nav, --top, block_absent(front->store));
                 outcome = MNI_DONE;
             }
         }
     }
     if (missed > 0 && outcome != MNI_REFUSED_POOL)
         outcome = MNI_MISS;
+    if (outcome == MNI_MISS)
+        chain_learn(nav, *count);
+    else if (missed > 0)
+        mni_lacking_forget(&nav->lacking);
     if (outcome != MNI_DONE)
         chain_undo(nav, *count);
     mni_store_attempt_over(front->store);
@@ -526,6 +574,7 @@ static void keep_chain(mni_navigator *nav, uint32_t count) {
 static void split_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
     refusals_begin(nav);
+    mni_lacking_forget(&nav->lacking);
     split_agenda(nav);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     mni_agenda_item item;
@@ -572,6 +621,7 @@ static void rehearse(mni_navigator *nav) {
         if (!mni_front_stands(front, split->node))
             continue;
         mni_store_rehearse(front->store, split->frames + 1);
+        mni_lacking_forget(&nav->lacking); /* what is absent may be due at another time */
         mni_outcome outcome = chain_find(nav, split->node.slot, &count);
         spent += 1 + count;
         if (outcome == MNI_DONE) {
@@ -736,8 +786,9 @@ size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
                                 uint32_t simplices_max) {
     return mni_front_need_bytes(header, nodes_max, simplices_max) + mni_agenda_need(nodes_max) +
            mni_arena_need(MNI_STACK_MAX, sizeof(mni_front_ref), 64) +
+           mni_arena_need(MNI_STACK_MAX, sizeof(uint16_t), 64) +
            mni_arena_need(chain_room(nodes_max), sizeof(uint32_t), 64) +
-           mni_arena_need(nodes_max, sizeof(mni_refusal), 64) +
+           mni_lacking_need(nodes_max) + mni_arena_need(nodes_max, sizeof(mni_refusal), 64) +
            2 * mni_arena_need(whole_batches(nodes_max), sizeof(float), 64);
 }
 
@@ -747,7 +798,9 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     nav->chain_max = chain_room(nodes_max);
     mni_agenda_open(&nav->agenda, nodes_max, arena);
     nav->stack = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->stack, 64);
+    nav->pusher = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->pusher, 64);
     nav->chain = mni_arena_take(arena, nav->chain_max, sizeof *nav->chain, 64);
+    mni_lacking_open(&nav->lacking, nodes_max, arena);
     nav->refusal = mni_arena_take(arena, nodes_max, sizeof *nav->refusal, 64);
     mni_waiting_open(&nav->waiting, &nav->front);
     nav->fork_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);

@@ -5,6 +5,7 @@
 #include "agenda.h"
 #include "ahead.h"
 #include "front.h"
+#include "lacking.h"
 #include "level.h"
 #include "sieve.h"
 #include "waiting.h"
@@ -41,11 +42,12 @@ typedef struct mni_navigator {
     mni_agenda agenda;
     mni_sieve_batch batch;
     mni_front_ref *stack; /* MNI_STACK_MAX */
+    uint16_t *pusher;     /* likewise: where on the stack those stand for whom they must be split */
     uint32_t *chain;      /* chain_max branches */
     uint32_t chain_max;
     mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
-    mni_front_ref missed[MNI_MISSED_MAX];
-    mni_waiting waiting; /* forks that are not wanted and blocked */
+    mni_lacking lacking;  /* what this frame's chains have found absent */
+    mni_waiting waiting;  /* forks that are not wanted and blocked */
     /* nodes_max: until the clock passes that, the last verdict stands. Of slots: unwanted */
     float *fork_due, *slot_due;
 

@@ -97,6 +97,8 @@ int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_us
 /* Asks for a root block before the first frame; mni_pool_end_frame posts it. */
 void mni_pool_ask_root(mni_pool *pool, mn_block_ref ref);
 bool mni_pool_has(mni_pool *pool, uint32_t block_id);
+/* Is it asked for, and has not failed? */
+bool mni_pool_comes(mni_pool *pool, uint32_t block_id);
 /* The block, whose parent's block is known, will be wanted in so many frames: it is kept, or
  * fetched when there is a place that nobody needs sooner. Says nothing where prefetches are not by
  * foresight. */

@@ -297,6 +297,14 @@ bool mni_pool_has(mni_pool *pool, uint32_t block_id) {
     return has;
 }
 
+bool mni_pool_comes(mni_pool *pool, uint32_t block_id) {
+    mni_pool_lock(pool);
+    bool comes = mni_grants_find(&pool->grants, block_id) != MNI_HASHMAP_NONE &&
+                 !mni_failures_has(&pool->failures, block_id);
+    mni_pool_unlock(pool);
+    return comes;
+}
+
 /* ---- the end of a frame: neighbours ---------------------------------------------------------- */
 
 /* Adds to what the frame posts: false: no more room, the board's is less. */

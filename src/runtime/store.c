@@ -17,6 +17,7 @@ struct mni_store {
     uint32_t places; /* place holders, when they are fewer than blocks; else 0 */
     /* Navigate only */
     mni_ancestors table;
+    uint32_t absent_id;           /* the last MNI_ABSENT */
     bool table_full;              /* what the last MNI_REFUSED was about, and no block */
     mni_entry root[MN_ROOTS_MAX]; /* of their blocks, in use from open on */
 };
@@ -82,7 +83,9 @@ static mni_wish wish_for(const mni_store *store, mni_way way, mn_block_ref ref, 
     return wish;
 }
 
-static void trace_answer(const mni_wish *wish, mni_answer answer) {
+static void note_answer(mni_store *store, const mni_wish *wish, mni_answer answer) {
+    if (answer == MNI_ABSENT)
+        store->absent_id = wish->ref.id;
     if (answer == MNI_GRANTED)
         MNI_TRACE(MN_TRACE_USE, 0, wish->ref.id, wish->parent.id);
     else if (answer == MNI_ABSENT)
@@ -92,6 +95,7 @@ static void trace_answer(const mni_wish *wish, mni_answer answer) {
 static mni_answer down(mni_store *store, mni_entry parent, mn_block_ref ref, mni_entry *out) {
     mni_ancestors *table = &store->table;
     *out = MNI_NO_ENTRY;
+    store->absent_id = 0;
     if (!ref_is_sound(store->header, ref))
         return MNI_ABSENT;
     mni_entry e = mni_ancestors_find(table, ref.id);
@@ -110,7 +114,7 @@ static mni_answer down(mni_store *store, mni_entry parent, mn_block_ref ref, mni
     wish.adds = e == MNI_NO_ENTRY;
     const void *bytes = NULL;
     mni_answer answer = store->kind->enter(store->blocks, &wish, &bytes);
-    trace_answer(&wish, answer);
+    note_answer(store, &wish, answer);
     if (answer == MNI_GRANTED)
         *out = mni_ancestors_enter(table, ref, parent, bytes);
     return answer;
@@ -181,7 +185,7 @@ mni_answer mni_store_up(mni_store *store, mni_entry entry) {
     mni_wish wish = wish_for(store, MNI_WAY_UP, ancestor->ref, ancestor->parent);
     const void *bytes = NULL;
     mni_answer answer = store->kind->enter(store->blocks, &wish, &bytes);
-    trace_answer(&wish, answer);
+    note_answer(store, &wish, answer);
     if (answer == MNI_GRANTED)
         mni_ancestors_enter(&store->table, ancestor->ref, ancestor->parent, bytes);
     return answer;
@@ -217,6 +221,12 @@ void mni_store_sub(mni_store *store, mni_entry entry) {
 
 void mni_store_attempt_over(mni_store *store) {
     attempt_over(store);
+}
+
+bool mni_store_absent(const mni_store *store, uint32_t *block_id) {
+    *block_id = store->absent_id;
+    return store->absent_id != 0 && store->kind->comes != NULL &&
+           store->kind->comes(store->blocks, store->absent_id);
 }
 
 mni_refusal mni_store_refusal(const mni_store *store) {
@@ -256,12 +266,13 @@ mni_answer mni_store_overflow(mni_store *store, mni_entry owner, mn_block_ref re
     MN_ASSERT(owner < store->table.max && store->table.entry[owner].usage > 0);
     *bytes = NULL;
     store->table_full = false;
+    store->absent_id = 0;
     if (!ref_is_sound(store->header, ref))
         return MNI_ABSENT;
     mni_wish wish = wish_for(store, MNI_WAY_OVERFLOW, ref, owner);
     wish.adds = true;
     const mni_answer answer = store->kind->overflow(store->blocks, &wish, bytes);
-    trace_answer(&wish, answer);
+    note_answer(store, &wish, answer);
     if (answer == MNI_GRANTED) /* for this one split */
         MNI_TRACE(MN_TRACE_LEAVE, 0, ref.id, 0);
     return answer;

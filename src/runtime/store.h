@@ -116,6 +116,9 @@ void mni_store_sub(mni_store *store, mni_entry entry);
 /* What was asked for up to here was one attempt (a chain of splits, a collapse), and it is over:
  * what is asked for next has nothing to do with it. */
 void mni_store_attempt_over(mni_store *store);
+/* Id of the block that the last MNI_ABSENT was about (0: of none that is asked for). false: nobody
+ * knows when it comes, since nothing is asked for or reading it has failed. */
+bool mni_store_absent(const mni_store *store, uint32_t *block_id);
 /* Of the last MNI_REFUSED. */
 mni_refusal mni_store_refusal(const mni_store *store);
 /* May what was refused be granted now? false: it would be refused again. lenient: another may have

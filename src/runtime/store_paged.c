@@ -231,6 +231,10 @@ static mni_refusal refusal(const void *self) {
     return ((const paged *)self)->pool.refusal;
 }
 
+static bool comes(void *self, uint32_t block_id) {
+    return mni_pool_comes(&((paged *)self)->pool, block_id);
+}
+
 static int64_t room(const void *self, uint32_t table_count, uint32_t in_use) {
     return mni_pool_room(&((const paged *)self)->pool, table_count, in_use);
 }
@@ -349,6 +353,7 @@ const mni_store_kind mni_store_paged = {
     .attempt_over = attempt_over,
     .refusal = refusal,
     .room = room,
+    .comes = comes,
     .look = look,
     .ahead = ahead,
     .note = note,

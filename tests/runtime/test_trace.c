@@ -308,6 +308,40 @@ START_TEST(a_trace_changes_nothing) {
 }
 END_TEST
 
+/* Of many chains that need the same absent block one asks for it: from the roots there are more
+ * misses than answers "absent", where each chain by itself has one at least. */
+START_TEST(chains_share_what_they_lack) {
+    char name[64];
+    model m;
+    model_make(&m, _i == 0 ? MODEL_GLOBE : MODEL_TERRAIN, 20000, &small_blocks);
+    trace_path(name);
+    mn_session_desc desc = paged(&m);
+    traced t;
+    mn_frame_stats frame;
+    desc.io = MN_IO_SIM;
+    desc.k = k_min_times(&desc, 4);
+    desc.prefetch = MN_PREFETCH_OFF;
+    desc.trace_path = name;
+    mn_session *s = model_open(&desc);
+    mn_camera camera = model_camera(&m, 0, 1.5);
+    uint64_t misses = 0;
+    for (int i = 0; i < 12; i++) {
+        mn_session_frame(s, &camera, &frame);
+        misses += frame.misses;
+    }
+    mn_session_check(s);
+    mn_session_drain(s);
+    mn_session_close(s);
+    read_back(name, &t);
+    ck_assert_uint_eq(t.misses, misses);
+    ck_assert_uint_gt(misses, 0);
+    ck_assert_uint_gt(t.kind[MN_TRACE_ABSENT], 0);
+    ck_assert_uint_lt(t.kind[MN_TRACE_ABSENT], misses);
+    unlink(name);
+    model_free(&m);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("traced");
     TCase *tc = tcase_create("traced");
@@ -316,6 +350,7 @@ int main(void) {
     tcase_add_loop_test(tc, figures_are_the_runs_with_threads, 0, 2);
     tcase_add_loop_test(tc, other_stores, 0, 2);
     tcase_add_test(tc, a_trace_changes_nothing);
+    tcase_add_loop_test(tc, chains_share_what_they_lack, 0, 2);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }
