@@ -3,11 +3,11 @@
  *
  * What a hub is asked about is kept here, brought up to date by what changes:
  *
- *   choice   its cheapest candidates, as they were when all were looked at. It looks again after a
- *            MNI_HUB_PART of its fan has changed; until then, when the choices are used up, it
- * rests key      the largest of its neighbours' (mni_part.key): these only rise home     of each of
- * its witnesses, a neighbour: the triangle that is nearest to the witness is looked for from there
- * on (witness.c)
+ *   choice    its cheapest candidates, as they were when all were looked at. It looks again after
+ *             a MNI_HUB_PART of its fan has changed; until then, when they are used up, it rests
+ *   key       the largest of its neighbours' (mni_part.key): these only rise
+ *   homes.at  of each of its witnesses, a neighbour: the triangle that is nearest to the witness is
+ *             looked for from there on (witness.c)
  *
  * So a change costs a hub what is bounded, and MNI_HUB_PART / MNI_HUB_CHOICES looks a change. The
  * order is that of the paper but for the hub itself: its own collapses may come late. A hub ceases

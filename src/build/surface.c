@@ -298,18 +298,19 @@ static uint32_t apex_of(const mni_simplex *x, uint32_t r, uint32_t k) {
 }
 
 /* Of the triangles that died with w as their apex, the first in the input. They are among the dead,
- * and on w's list still, as long as nobody walks it: the shorter one is looked through. */
+ * and on w's list still, unless it was long and has been walked: the shorter one is looked through.
+ */
 static uint32_t first_dead(mni_surface *s, uint32_t r, uint32_t k, uint32_t w, uint32_t dead,
                            uint32_t collapse) {
     const mni_fan *f = &s->vertex[w].fan;
     uint32_t first = MN_NONE;
-    if (f->count <= dead && f->count <= LONG_FAN) {
+    if (f->count <= dead && f->count <= LONG_FAN)
         for (uint32_t i = 0; i < f->count; i++) {
             uint32_t x = s->pool[f->first + i];
             if (s->simplex[x].killed == collapse && x < first)
                 first = x;
         }
-    } else {
+    if (first == MN_NONE) {
         s->walked += dead > LONG_FAN ? dead : 0;
         for (uint32_t i = 0; i < dead; i++)
             if (s->dead[i] < first && apex_of(&s->simplex[s->dead[i]], r, k) == w)
@@ -323,11 +324,12 @@ static uint32_t first_dead(mni_surface *s, uint32_t r, uint32_t k, uint32_t w, u
  * vertices are lent by the first such triangle; these are found before a hinge is made, since that
  * may walk lists. */
 static bool hinge_apexes(mni_surface *s, uint32_t r, uint32_t k, uint32_t dead, uint32_t collapse) {
-    uint32_t apart = 0;
+    uint32_t apart = 0, last = MN_NONE; /* thousands of triangles may have come to be one */
     for (uint32_t i = 0; i < dead; i++) {
         uint32_t w = apex_of(&s->simplex[s->dead[i]], r, k);
-        if (!mni_surface_joined(s, k, w))
+        if (w != last && !mni_surface_joined(s, k, w))
             s->dead[apart++] = first_dead(s, r, k, w, dead, collapse);
+        last = w;
     }
     for (uint32_t i = 0; i < apart; i++) {
         uint32_t w = apex_of(&s->simplex[s->dead[i]], r, k);
