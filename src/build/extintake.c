@@ -161,14 +161,10 @@ static bool written(mni_extintake *x) {
     return mni_ext_spill_good(x, &x->pushed) && mni_ext_spill_good(x, &x->sequence);
 }
 
-static bool is_float(double x) {
-    return (double)(float)x == x;
-}
-
 bool mni_extintake_vertex(mni_extintake *x, const double position[3], uint32_t rgba) {
     double p[3] = {position[0], position[1], position[2]};
     bool finite = mni_weld_normalise(p),
-         narrow = is_float(p[0]) && is_float(p[1]) && is_float(p[2]);
+         narrow = mni_ext_is_float(p[0]) && mni_ext_is_float(p[1]) && mni_ext_is_float(p[2]);
     x->nonfinite += !finite;
     x->has_colors |= rgba != MNI_WHITE;
     for (int i = 0; i < 3 && finite; i++) {

@@ -102,6 +102,10 @@ static inline mni_ext_vertex mni_ext_vertex_of(const uint32_t *word, bool wide) 
     return v;
 }
 
+static inline bool mni_ext_is_float(double x) {
+    return (double)(float)x == x;
+}
+
 /* Where positions are counted from, for a box, and its grid. */
 typedef struct mni_ext_frame {
     double origin[3];

@@ -21,6 +21,10 @@
 #include "unit.h"
 
 enum { AXIS_BITS = 21 };
+/* Sizes between which floats hold whatever is made of a model: switch values of 2^-40 of it, radii
+ * that were rounded up at each of hundreds of levels. Nuclei and galaxies are, in metres. */
+#define MODEL_SIZE_MIN 0x1p-84f
+#define MODEL_SIZE_MAX 0x1p100f
 
 /* ---- places in use --------------------------------------------------------------------------- */
 
@@ -49,10 +53,6 @@ static bool next_used(mni_extintake *x, used_reader *r) {
 
 /* ---- origin and grid ------------------------------------------------------------------------- */
 
-static bool is_float(double x) {
-    return (double)(float)x == x;
-}
-
 /* The box of what is used, and whether floats hold it all. */
 static bool find_box(mni_extintake *x, double low[3], double high[3], bool *exact) {
     used_reader r;
@@ -71,7 +71,7 @@ static bool find_box(mni_extintake *x, double low[3], double high[3], bool *exac
             const double p = r.is.position[i];
             low[i] = p < low[i] ? p : low[i];
             high[i] = p > high[i] ? p : high[i];
-            *exact = *exact && is_float(p);
+            *exact = *exact && mni_ext_is_float(p);
         }
     return mni_ext_spill_good(x, &x->placed);
 }
@@ -98,6 +98,13 @@ static bool find_frame(mni_extintake *x, mni_ext_frame *f, bool *exact) {
     memcpy(x->result.origin, f->origin, sizeof f->origin);
     for (int i = 0; i < 3; i++)
         most = fmaxf(most, fmaxf(fabsf(f->low[i]), fabsf(f->high[i])));
+    if (most > 0 && !(most >= MODEL_SIZE_MIN && most <= MODEL_SIZE_MAX)) {
+        mn_fail(x->st, MN_BAD_INPUT,
+                "%s: its coordinates are up to %g: floats hold models of %g to %g; give it in "
+                "another unit of length",
+                x->name, (double)most, (double)MODEL_SIZE_MIN, (double)MODEL_SIZE_MAX);
+        return false;
+    }
     if (x->desc.position_bits > 0) {
         x->result.grid_step = mni_grid_step(f->low, f->high, x->desc.position_bits);
         x->result.unit = mni_unit_of_most(most);

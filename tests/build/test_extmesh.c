@@ -252,6 +252,26 @@ START_TEST(there_is_no_file) {
 }
 END_TEST
 
+/* Denormal switch values and infinite radii are no tree: they would be found when it is done. */
+START_TEST(sizes_that_floats_do_not_hold) {
+    static const struct {
+        const char *text;
+        mn_code code;
+    } sizes[] = {{"v 0 0 0\nv 2e-25 0 0\nv 0 2e-25 0\nf 1 2 3\n", MN_OK},
+                 {"v 0 0 0\nv 2e-26 0 0\nv 0 2e-26 0\nf 1 2 3\n", MN_BAD_INPUT},
+                 {"v 0 0 0\nv -1e30 0 0\nv 0 1 0\nf 1 2 3\n", MN_OK},
+                 {"v 0 0 0\nv -1e31 0 0\nv 0 1 0\nf 1 2 3\n", MN_BAD_INPUT}};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        mni_extmesh x;
+        mn_status st;
+        write_file(sizes[i].text, strlen(sizes[i].text));
+        ck_assert_int_eq(read_external(path, NULL, 16, 1 << 20, &x, &st), sizes[i].code);
+        ck_assert(sizes[i].code == MN_OK || strstr(st.text, "another unit of length") != NULL);
+        mni_extmesh_close(&x);
+    }
+}
+END_TEST
+
 /* ---- random meshes ----------------------------------------------------------------------------
  */
 
@@ -503,6 +523,7 @@ int main(void) {
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, every_rule, 0, 18);
     tcase_add_test(tc, there_is_no_file);
+    tcase_add_test(tc, sizes_that_floats_do_not_hold);
     tcase_add_loop_test(tc, random_meshes, 0, 8);
     tcase_add_test(tc, soups);
     tcase_add_loop_test(tc, real_meshes, 0, 5);
