@@ -77,7 +77,9 @@ static int read_options(shoot *s, int argc, char **argv, bool *done) {
     if (s->out == NULL)
         return cli_error(MN_USAGE, "shoot: where to? give -o OUT.png");
     code = session_options_file(&s->session, argc, argv);
-    return code == MN_OK ? session_options_output(&s->session, argv[0], s->out) : code;
+    if (code == MN_OK)
+        code = session_options_output(&s->session, argv[0], s->out);
+    return code == MN_OK ? cli_output_possible(s->out) : code;
 }
 
 /* Before the session, whose plan counts what the path takes. */

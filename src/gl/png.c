@@ -1,11 +1,12 @@
 /* Pictures as PNG. Hides libpng and its ways of failing.
  *
- * Written under a temporary name, synced, renamed: a picture is there whole or not at all. Any
- * thread; memory: to write, a row and what libpng takes, until return; to read, the picture, which
- * the caller frees. */
+ * Written under a temporary name, synced, renamed: a picture is there whole or not at all, and what
+ * is no regular file stays. Any thread; memory: to write, a row and what libpng takes, until
+ * return; to read, the picture, which the caller frees. */
 #include "parts.h"
 
 #include <errno.h>
+#include <limits.h>
 #include <png.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -59,10 +60,16 @@ static mn_code failure(const char *path, const char *why, mn_status *st) {
 
 mn_code mni_png_write(const char *path, uint32_t width, uint32_t height, const uint8_t *rgba,
                       mn_status *st) {
-    char temporary[4096];
+    char temporary[4096], target[PATH_MAX];
     char error[128] = "no memory";
-    if (snprintf(temporary, sizeof temporary, "%s.%ld.tmp", path, (long)getpid()) >=
-        (int)sizeof temporary)
+    struct stat info;
+    if (stat(path, &info) == 0) { /* renaming would take a device's place, or a link's */
+        if (!S_ISREG(info.st_mode))
+            return mn_fail(st, MN_FAILED, "%s: not a regular file; name another picture", path);
+        path = realpath(path, target);
+    }
+    if (path == NULL || snprintf(temporary, sizeof temporary, "%s.%ld.tmp", path, (long)getpid()) >=
+                            (int)sizeof temporary)
         return mn_fail(st, MN_USAGE, "path of the picture is longer than 4,000 characters");
     errno = 0;
     FILE *file = fopen(temporary, "wbe");

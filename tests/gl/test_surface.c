@@ -3,6 +3,7 @@
  * with a history against a new one; PNGs read back with libpng. No GL. */
 #include <check.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <png.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -336,7 +337,7 @@ START_TEST(png_failures_leave_nothing) {
     mn_status st = {0};
     ck_assert_int_eq(mni_png_write("no/such/directory/a.png", 1, 1, rgba, &st), MN_FAILED);
     ck_assert_ptr_nonnull(strstr(st.text, "no/such/directory/a.png"));
-    /* The name is a directory: the rename fails, the temporary file must go. */
+    /* The name is a directory: it stays, and no temporary file. */
     char dir[] = "test_surface.XXXXXX", temporary[64];
     ck_assert_ptr_nonnull(mkdtemp(dir));
     st = (mn_status){0};
@@ -347,6 +348,32 @@ START_TEST(png_failures_leave_nothing) {
     st = (mn_status){0}; /* a size that PNG does not have */
     ck_assert_int_eq(mni_png_write("test_surface.empty.png", 0, 0, rgba, &st), MN_FAILED);
     ck_assert_int_ne(access("test_surface.empty.png", F_OK), 0);
+}
+END_TEST
+
+/* shoot -o /dev/full, as root, had put a picture in the device's place; a link went likewise. */
+START_TEST(png_takes_no_devices_place) {
+    const uint8_t rgba[4] = {1, 2, 3, 4};
+    char dir[] = "test_surface.XXXXXX", fifo[64], link[64], picture[64];
+    struct stat info;
+    mn_status st = {0};
+    ck_assert_ptr_nonnull(mkdtemp(dir));
+    snprintf(fifo, sizeof fifo, "%s/fifo", dir);
+    snprintf(link, sizeof link, "%s/link", dir);
+    snprintf(picture, sizeof picture, "%s/picture", dir);
+    ck_assert_int_eq(mkfifo(fifo, 0600), 0);
+    ck_assert_int_eq(mni_png_write(fifo, 1, 1, rgba, &st), MN_FAILED);
+    ck_assert_ptr_nonnull(strstr(st.text, fifo));
+    ck_assert(lstat(fifo, &info) == 0 && S_ISFIFO(info.st_mode));
+    ck_assert_int_eq(close(open(picture, O_WRONLY | O_CREAT, 0600)), 0);
+    ck_assert_int_eq(symlink("picture", link), 0);
+    ck_assert_int_eq(mni_png_write(link, 1, 1, rgba, &st), MN_OK);
+    ck_assert(lstat(link, &info) == 0 && S_ISLNK(info.st_mode));
+    ck_assert(stat(picture, &info) == 0 && info.st_size > 0);
+    unlink(fifo);
+    unlink(link);
+    unlink(picture);
+    ck_assert_int_eq(rmdir(dir), 0); /* nothing else was left there */
 }
 END_TEST
 
@@ -365,6 +392,7 @@ int main(void) {
     tcase_add_test(tc, packs_any_length);
     tcase_add_test(tc, png_is_read_back);
     tcase_add_test(tc, png_failures_leave_nothing);
+    tcase_add_test(tc, png_takes_no_devices_place);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }

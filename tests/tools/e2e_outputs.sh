@@ -38,6 +38,11 @@ no_place() {
         expect 1 "a device: $command" $command /dev/full && one_line "a device: $command" /dev/full
     done
     check "a device stays a device" test -c /dev/full
+    mkfifo fifo
+    for target in folder nowhere/x fifo; do # a picture had taken the place of /dev/full
+        expect 1 "$target: shoot" shoot ball.mnt --size 64x48 -o "$target" && one_line "$target: shoot" "$target"
+    done
+    check "a fifo stays a fifo" test -p fifo
     check "the folder stays empty" test -z "$(ls -A folder)"
     expect 1 "pictures in no folder" replay ball.mnt --path orbit --frames 1 --images nowhere/x &&
         one_line "pictures in no folder" nowhere/x
