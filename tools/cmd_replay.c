@@ -145,6 +145,9 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
     const char *const outputs[] = {r->csv_name, r->path_out};
     for (int i = 0; i < 2 && *code == MN_OK; i++)
         *code = session_options_output(&r->options, argv[0], outputs[i]);
+    if (*code == MN_OK && r->csv_name != NULL && r->options.desc.trace_path != NULL &&
+        strcmp(r->csv_name, r->options.desc.trace_path) == 0)
+        *code = cli_error(MN_USAGE, "replay: --csv and --trace are one file; name another");
     return *code == MN_OK;
 }
 

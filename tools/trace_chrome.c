@@ -30,6 +30,7 @@ typedef struct chrome {
     bool in_phase;
     mn_trace_event frame, phase; /* that began them */
     bool first;
+    bool failed;    /* no memory for another block */
     uint32_t flows; /* ids given out */
     uint64_t ns;    /* of the last event */
     uint64_t count[MN_TRACE_COUNTERS];
@@ -138,12 +139,12 @@ static void frame_end(chrome *c, const mn_trace_event *e) {
 
 /* ---- blocks ---------------------------------------------------------------------------------- */
 
-/* The block's flow; NULL: no memory for one. */
+/* The block's flow; NULL: no memory for one, so that all has failed. */
 static flow *flow_of(chrome *c, uint32_t block_id) {
     const uint32_t number = trace_map_number(&c->blocks, block_id);
-    if (number == MN_NONE || !trace_grow((void **)&c->flow, &c->flow_room, number, sizeof *c->flow))
-        return NULL;
-    return &c->flow[number];
+    c->failed |=
+        number == MN_NONE || !trace_grow((void **)&c->flow, &c->flow_room, number, sizeof *c->flow);
+    return c->failed ? NULL : &c->flow[number];
 }
 
 /* A point of the block's flow, which begins with it if none is open. */
@@ -320,7 +321,7 @@ mn_code trace_chrome(mn_trace_file *file, uint32_t from, uint32_t to, FILE *out,
     mn_code code;
     head(&c, file);
     mn_trace_rewind(file);
-    while (mn_trace_next(file, &e, &code, st) && !ferror(out)) {
+    while (!c.failed && mn_trace_next(file, &e, &code, st) && !ferror(out)) {
         if (e.kind == MN_TRACE_FRAME_BEGIN && e.a >= from)
             c.inside = true;
         if (e.kind == MN_TRACE_FRAME_BEGIN && e.a > to)
@@ -333,5 +334,5 @@ mn_code trace_chrome(mn_trace_file *file, uint32_t from, uint32_t to, FILE *out,
     fputs("\n]}\n", out);
     free(c.flow);
     trace_map_free(&c.blocks);
-    return code;
+    return c.failed ? mn_fail(st, MN_FAILED, "no memory for so many blocks") : code;
 }

@@ -51,7 +51,7 @@ static inline bool mni_trace_on(void) {
 }
 
 void mni_trace_put(mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b);
-/* For what happens every few hundred nanoseconds: takes the time of one event in 16, the others
+/* For what happens every few hundred nanoseconds: takes the time of one event in 64, the others
  * have that one's. */
 void mni_trace_put_often(mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b);
 /* A miss, for want of the block that was absent last or mni_trace_lacks names; bad: of one that

@@ -59,26 +59,12 @@ static mn_code read_at(const mn_trace_file *file, uint64_t at, void *bytes, size
         file->name);
 }
 
-/* One more than the largest that may stand in aux; 0: anything may. */
-static uint32_t aux_end(uint32_t kind, uint32_t aux, uint32_t *value) {
-    *value = aux & (MN_TRACE_REHEARSED - 1);
+/* For aux_end: of kinds that may be marked as part of a rehearsal; aux: without the mark. */
+static uint32_t aux_end_marked(uint32_t kind, uint32_t aux) {
     switch ((mn_trace_kind)kind) {
-    case MN_TRACE_FRAME_BEGIN:
-    case MN_TRACE_FRAME_END:
-        return MN_TRACE_ROUNDS;
-    case MN_TRACE_PHASE:
-        return MN_TRACE_PHASES;
-    case MN_TRACE_COUNT:
-        return MN_TRACE_COUNTERS;
     case MN_TRACE_MISS:
-    case MN_TRACE_REFUSED:
     case MN_TRACE_GRANT_OVER:
-    case MN_TRACE_ARRIVED:
         return 2;
-    case MN_TRACE_POST:
-        return MN_TRACE_COMMANDS;
-    case MN_TRACE_ENDED: /* two fields: both below their ends */
-        return (aux & 3) < MN_TRACE_COMMANDS ? 4 * MN_TRACE_ENDS : 0;
     case MN_TRACE_HOLDER:
         return (aux & 7) < MN_TRACE_PLACES ? 8 * MN_TRACE_PLACES : 0;
     case MN_TRACE_LOST:
@@ -94,10 +80,34 @@ static uint32_t aux_end(uint32_t kind, uint32_t aux, uint32_t *value) {
     case MN_TRACE_SUBMIT:
     case MN_TRACE_PREFETCH_USED:
         return 1;
-    case MN_TRACE_KINDS:
-        break;
+    default: /* no kind at all */
+        return 0;
     }
-    return 0;
+}
+
+/* One more than the largest value that may stand in aux; 0: none may. *value: what does. Only what
+ * a rehearsal does is marked as such; elsewhere the mark is a value too large. */
+static uint32_t aux_end(uint32_t kind, uint32_t aux, uint32_t *value) {
+    *value = aux;
+    switch ((mn_trace_kind)kind) {
+    case MN_TRACE_FRAME_BEGIN:
+    case MN_TRACE_FRAME_END:
+        return MN_TRACE_ROUNDS;
+    case MN_TRACE_PHASE:
+        return MN_TRACE_PHASES;
+    case MN_TRACE_COUNT:
+        return MN_TRACE_COUNTERS;
+    case MN_TRACE_REFUSED:
+    case MN_TRACE_ARRIVED:
+        return 2;
+    case MN_TRACE_POST:
+        return MN_TRACE_COMMANDS;
+    case MN_TRACE_ENDED: /* two fields: both below their ends */
+        return (aux & 3) < MN_TRACE_COMMANDS ? 4 * MN_TRACE_ENDS : 0;
+    default:
+        *value = aux & (MN_TRACE_REHEARSED - 1);
+        return aux_end_marked(kind, *value);
+    }
 }
 
 static bool events_are_sound(const mni_trace_event *event, uint32_t count, uint64_t ns) {

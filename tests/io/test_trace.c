@@ -347,6 +347,28 @@ START_TEST(other_files) {
 }
 END_TEST
 
+/* The mark of a rehearsal stands only where one can be: nobody else takes it off before he looks a
+ * name up, or a count. */
+START_TEST(marks_only_where_they_may_be) {
+    const bool may[MN_TRACE_KINDS] = {
+        [MN_TRACE_SPLIT] = true,    [MN_TRACE_COLLAPSE] = true,   [MN_TRACE_MISS] = true,
+        [MN_TRACE_ABSENT] = true,   [MN_TRACE_USE] = true,        [MN_TRACE_LEAVE] = true,
+        [MN_TRACE_GRANT] = true,    [MN_TRACE_GRANT_OVER] = true, [MN_TRACE_SUBMIT] = true,
+        [MN_TRACE_HOLDER] = true,   [MN_TRACE_LOST] = true,       [MN_TRACE_PREFETCH_USED] = true,
+        [MN_TRACE_LOCK_WAIT] = true};
+    for (int kind = 0; kind < MN_TRACE_KINDS; kind++)
+        for (int marked = 0; marked < 2; marked++) {
+            mni_trace *t = begin(MN_TRACE_VIRTUAL);
+            (void)mni_trace_swap(mni_trace_ring_of(t, MN_TRACE_NAVIGATE));
+            mni_trace_put((mn_trace_kind)kind, marked ? MN_TRACE_REHEARSED : 0, 5, 0);
+            (void)mni_trace_swap(NULL);
+            ck_assert_int_eq(mni_trace_close(t, NULL), MN_OK);
+            ck_assert_msg(try_open(false) == (marked && !may[kind] ? MN_BAD_INPUT : MN_OK),
+                          "kind %d, marked %d", kind, marked);
+        }
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("trace");
     TCase *tc = tcase_create("trace");
@@ -362,6 +384,7 @@ int main(void) {
     tcase_add_test(tc, every_byte);
     tcase_add_test(tc, lies_with_good_checksums);
     tcase_add_test(tc, other_files);
+    tcase_add_test(tc, marks_only_where_they_may_be);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }

@@ -177,6 +177,7 @@ expect 2 trace good -o good
 expect 1 trace good -o nowhere/x
 expect 2 replay a.mnt --path orbit --trace a.mnt
 expect 2 shoot a.mnt --trace a.mnt -o x.png
+expect 2 replay a.mnt --path orbit --trace x --csv x
 if [ -c /dev/full ]; then
     expect 4 trace good --to csv -o /dev/full
     says /dev/full
