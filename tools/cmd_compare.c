@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/stat.h>
 
 #include "gl_load.h"
 #include "json.h"
@@ -91,9 +92,14 @@ static bool is_picture(const char *path) {
     static const char signature[] = "\x89PNG\r\n\x1a\n";
     char head[sizeof signature - 1];
     const char *dot = strrchr(path, '.');
-    FILE *f = dot != NULL && strcasecmp(dot, ".png") == 0 ? NULL : fopen(path, "re");
+    struct stat info;
+    if (dot != NULL && strcasecmp(dot, ".png") == 0)
+        return true;
+    if (stat(path, &info) != 0 || !S_ISREG(info.st_mode)) /* a fifo would be waited for */
+        return false;
+    FILE *f = fopen(path, "re");
     if (f == NULL)
-        return dot != NULL && strcasecmp(dot, ".png") == 0;
+        return false;
     const bool is =
         fread(head, 1, sizeof head, f) == sizeof head && memcmp(head, signature, sizeof head) == 0;
     fclose(f);

@@ -40,6 +40,9 @@ int tune_file_name(const tune *t, const char *name, char *path, size_t room) {
 /* Of all bytes. */
 static mn_code hash_file(const char *path, uint64_t *hash, uint64_t *bytes, mn_status *st) {
     enum { PIECE = 1 << 18 };
+    struct stat info;
+    if (stat(path, &info) == 0 && !S_ISREG(info.st_mode)) /* a fifo would be waited for */
+        return mn_fail(st, MN_BAD_INPUT, "%s: not a file; give the name of a regular file", path);
     const int fd = open(path, O_RDONLY | O_CLOEXEC);
     char *piece = malloc(PIECE);
     XXH3_state_t *state = XXH3_createState();

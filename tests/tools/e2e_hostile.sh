@@ -165,6 +165,7 @@ not_meshes() {
     bad folder "a folder"
     mkfifo fifo
     bad fifo "a fifo"
+    expect 3 "compare, a fifo" compare fifo good.obj
     bad missing "no file"
     ln -s loop loop
     bad loop "a link to itself"
