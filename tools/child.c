@@ -19,18 +19,11 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "cli.h"
 
 enum { CHILDREN_MAX = 8, OUTPUT_MAX = 1 << 24 };
-
-static double now_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static sigset_t interrupts(void) {
     sigset_t set;
@@ -77,7 +70,8 @@ static void close_all(child *c) {
 
 mn_code child_start(child *c, const char *const *argv, bool own_errors, mn_status *st) {
     const char *name = argv[0] != NULL ? argv[0] : "metanode";
-    *c = (child){.pid_fd = -1, .out_fd = -1, .err_fd = -1, .started_s = now_s()};
+    *c = (child){
+        .pid_fd = -1, .out_fd = -1, .err_fd = -1, .started_s = cli_seconds(CLOCK_MONOTONIC)};
     c->out_fd = memfd_create("out", MFD_CLOEXEC);
     if (own_errors)
         c->err_fd = memfd_create("err", MFD_CLOEXEC);
@@ -130,7 +124,7 @@ static void take_last_line(char *errors, child_end *end) {
 
 static mn_code take_end(child *c, int status, const struct rusage *usage, child_end *end,
                         mn_status *st) {
-    *end = (child_end){.seconds = now_s() - c->started_s};
+    *end = (child_end){.seconds = cli_seconds(CLOCK_MONOTONIC) - c->started_s};
     end->code = c->late             ? CHILD_LATE
                 : WIFEXITED(status) ? WEXITSTATUS(status)
                                     : 128 + WTERMSIG(status);
@@ -160,7 +154,7 @@ static void interrupt_all(const child *children, int count) {
 
 /* Kills those that are late. Returns for how long the others may run, or NULL: for ever. */
 static struct timespec *until_late(child *children, int count, struct timespec *left) {
-    const double now = now_s();
+    const double now = cli_seconds(CLOCK_MONOTONIC);
     double least = INFINITY;
     for (int i = 0; i < count; i++) {
         child *c = &children[i];

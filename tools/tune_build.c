@@ -35,7 +35,7 @@ static mn_code make_tree(tune *t, mn_status *st) {
     const char *words[WORDS_MAX] = {NULL, "metanode", "simplify", t->o.in, "-o", t->tree};
     int n = 6, which;
     child run;
-    child_end end;
+    child_end end = {0};
     snprintf(work, sizeof work, "%s.work", t->tree);
     snprintf(ram, sizeof ram, "%llu", (unsigned long long)t->o.build_ram_bytes);
     snprintf(jobs, sizeof jobs, "%llu", (unsigned long long)t->o.jobs);
@@ -58,8 +58,7 @@ static mn_code make_tree(tune *t, mn_status *st) {
         code = mn_fail(st, end.code <= MN_NO_GRAPHICS ? (mn_code)end.code : MN_FAILED,
                        "%s: its tree could not be made (%s)", t->o.in,
                        end.says[0] != 0 ? end.says : "see above");
-    if (end.out != NULL)
-        child_end_free(&end);
+    child_end_free(&end);
     return code;
 }
 

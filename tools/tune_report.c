@@ -211,12 +211,15 @@ static void settings(const tune *t, FILE *f) {
             o->fps, o->size, o->tolerance, o->degrade,
             strcmp(o->open, "roots") == 0 ? "the roots" : "what the first picture needs",
             o->want.cpu ? "processor" : "clock");
-    fputs("\n</table>\n<p>Each cell is a process of its own (<code>replay --paced --open "
-          "settled</code>), "
-          "one at a time: Navigate has one processor, its I/O thread another, nothing else of ours "
-          "runs. Files are read past the page cache. What other programs took meanwhile is in the "
-          "last column. The command:</p>\n<pre>metanode",
-          f);
+    fprintf(
+        f,
+        "\n</table>\n<p>Each cell is a process of its own (<code>replay --paced --open %s</code>)",
+        o->open);
+    fputs(
+        ", one at a time: Navigate has one processor, its I/O thread another, nothing else of ours "
+        "runs. Files are read past the page cache. What other programs took meanwhile is in the "
+        "last column. The command:</p>\n<pre>metanode",
+        f);
     for (int i = 0; i < o->argc; i++)
         shell_word(f, o->argv[i]);
     fputs("</pre>\n", f);
