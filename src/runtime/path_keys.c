@@ -265,7 +265,7 @@ static bool next_line(FILE *f, char line[LINE_BYTES_MAX], const char **why) {
     *why = NULL;
     for (; c != EOF && c != '\n' && *why == NULL; c = getc(f)) {
         if (n + 1 == LINE_BYTES_MAX)
-            *why = "longer than 1024 bytes";
+            *why = "longer than 1023 bytes";
         else if (c < ' ' && c != '\t' && c != '\r')
             *why = "a control character: no text file";
         else
