@@ -1,6 +1,7 @@
 /* See cell.h. Hidden here: how records become a surface, and back. */
 #include "cell.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -353,6 +354,7 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
     const mni_collapses *made = &cell->s.made;
     const mni_vertex *vertex = cell->s.surface.vertex;
     uint32_t m = cell->vertices;
+    bool endless = false; /* radii are rounded up at each level */
     cell->collapse = calloc((size_t)made->count + 1, sizeof *cell->collapse);
     made_node *of = malloc(((size_t)made->count + 1) * sizeof *of);
     if (cell->collapse == NULL || of == NULL) {
@@ -376,6 +378,7 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
                                  .key = made->key[i],
                                  .bounds = mni_parent_bounds(vertex[a.vertex].p, a.bounds,
                                                              vertex[b.vertex].p, b.bounds)};
+        endless |= isinf(c->bounds.radius);
     }
     /* A vertex's node from now on. */
     for (uint32_t v = 0; v < cell->own; v++) {
@@ -390,7 +393,10 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
         to->bounds = c->bounds;
     }
     free(of);
-    return MN_OK;
+    return !endless ? MN_OK
+                    : mn_fail(st, MN_BAD_INPUT,
+                              "thousands of triangles without area follow each other: a tree of "
+                              "them is too deep; leave out such triangles");
 }
 
 /* By collapse, in each as they stand. */

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "cell.h"
 #include "tree_fixture.h"
@@ -220,6 +221,26 @@ START_TEST(test_a_cell_can_be_stopped) {
 }
 END_TEST
 
+/* Nothing has a cost there, so one collapse goes on where the last one was, and each rounds its
+ * sphere up. That is said, not written down. */
+START_TEST(test_a_line_is_too_deep) {
+    enum { POINTS = 3000 };
+    mn_status st = {0};
+    mni_cell cell;
+    int asked = 0;
+    mn_mesh m = {.position = malloc(POINTS * 12), .corner = malloc(POINTS * 12)};
+    maker k = {.m = &m};
+    for (int i = 0; i < POINTS; i++)
+        point(&k, i, 0, 0);
+    for (uint32_t i = 0; i + 2 < POINTS; i++)
+        triangle(&k, i, i + 1, i + 2);
+    ck_assert_int_eq(run(&cell, &m, (mni_poll){always, &asked}, &st), MN_BAD_INPUT);
+    ck_assert_msg(strstr(st.text, "without area") != NULL, "%s", st.text);
+    mni_cell_close(&cell);
+    mn_mesh_free(&m);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("hub");
     TCase *work = tcase_create("work"), *result = tcase_create("result");
@@ -229,6 +250,7 @@ int main(void) {
     tcase_add_loop_test(work, test_hubs_do_not_add_up, 0, PENCIL);
     tcase_add_test(work, test_a_cell_can_be_stopped);
     tcase_add_loop_test(result, test_values_are_honest, 0, KINDS);
+    tcase_add_test(result, test_a_line_is_too_deep);
     suite_add_tcase(suite, work);
     suite_add_tcase(suite, result);
     SRunner *runner = srunner_create(suite);
