@@ -16,7 +16,10 @@ static const char *const reader_names[] = {"own", "openmesh", NULL};    /* by mn
 
 /* ---- options -------------------------------------------------------------------------------- */
 
-enum { MMAP_BYTES = 16 << 10 }; /* what takes more is given back as soon as it is freed */
+enum {
+    MMAP_BYTES = 16 << 10,  /* what takes more is given back as soon as it is freed */
+    PACE_BYTES = 256 << 10, /* a file; there are about ten at once */
+};
 
 /* As they stand on the command line. */
 typedef struct words {
@@ -145,6 +148,8 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
     /* What cells take comes and goes: a heap would keep it, and more with each cell. */
     mallopt(M_MMAP_THRESHOLD, MMAP_BYTES);
     mallopt(M_ARENA_MAX, 1);
+    if (host_ram_bytes("") < 2 * b->ram_bytes) /* a cgroup of about the cap */
+        mn_write_pace(PACE_BYTES);
     cli_interrupts_catch();
     return MN_OK;
 }

@@ -79,7 +79,7 @@ static int read_options(shoot *s, int argc, char **argv, bool *done) {
     code = session_options_file(&s->session, argc, argv);
     if (code == MN_OK)
         code = session_options_output(&s->session, argv[0], s->out);
-    return code == MN_OK ? cli_output_possible(s->out) : code;
+    return code == MN_OK ? (int)cli_output_possible(s->out) : code;
 }
 
 /* Before the session, whose plan counts what the path takes. */

@@ -201,6 +201,12 @@ void mn_work_close(mn_work *work);
  * room the next time. False: nothing is, so all has gone. */
 bool mn_work_leave(mn_work *work);
 
+/* From now on who writes temporary files, trees and block files sends what is written to the disk
+ * after so many bytes of a file, and waits for what it sent before: the page cache then keeps at
+ * most twice as much of each to be written. 0: the system decides, as it does at first. For memory
+ * cgroups with little room beside the cap. The whole process; before it has threads. */
+void mn_write_pace(uint64_t bytes);
+
 /* ---- blocks ------------------------------------------------------------------------------- */
 
 typedef struct mn_block_desc {

@@ -14,6 +14,7 @@
 #include <xxhash.h>
 
 #include "assert.h"
+#include "pace.h"
 
 enum {
     /* A hole costs a file system tens of microseconds, as long as reading 100 kB takes. */
@@ -80,6 +81,7 @@ static mn_code write_all(mni_spill *spill, uint64_t offset, const void *bytes, s
         count -= (size_t)put;
         offset += (uint64_t)put;
         spill->bytes_written += (uint64_t)put;
+        mni_pace(spill->fd, &spill->unsent, (uint64_t)put);
     }
     return spill->trouble.code;
 }

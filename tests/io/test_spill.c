@@ -17,6 +17,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include "metanode/build.h"
 #include "refuse.h"
 #include "spill.h"
 #include "suite.h"
@@ -106,6 +107,31 @@ START_TEST(what_is_written_comes_back) {
 END_TEST
 
 /* Forty pieces, read in turns while the file grows. */
+/* With a pace of its own: sent each time so much has been written, and what comes back is the same.
+ */
+START_TEST(what_is_written_is_sent) {
+    enum { PACE = 4096, TIMES = 100 };
+    unsigned char piece[777], back[sizeof piece];
+    mni_spill s = open_spill();
+    mn_write_pace(PACE);
+    for (int i = 0; i < TIMES; i++) {
+        memset(piece, i, sizeof piece);
+        uint64_t due = s.unsent + sizeof piece;
+        ck_assert_int_eq(mni_spill_append(&s, piece, sizeof piece), MN_OK);
+        ck_assert_uint_eq(s.unsent, due < PACE ? due : 0);
+    }
+    mn_write_pace(0);
+    ck_assert_int_eq(mni_spill_append(&s, piece, sizeof piece), MN_OK);
+    for (int i = 0; i < TIMES; i++) {
+        memset(piece, i, sizeof piece);
+        ck_assert_int_eq(mni_spill_read_at(&s, (uint64_t)i * sizeof back, back, sizeof back),
+                         MN_OK);
+        ck_assert_mem_eq(piece, back, sizeof back);
+    }
+    mni_spill_close(&s);
+}
+END_TEST
+
 START_TEST(many_readers_and_a_writer) {
     enum { PIECES = 40, PIECE = 6400, BUFFER = 640, STEP = 32 };
     static unsigned char buffer[PIECES][BUFFER];
@@ -322,6 +348,7 @@ int main(void) {
     TCase *tc = tcase_create("spill");
     tcase_set_timeout(tc, 60);
     tcase_add_test(tc, what_is_written_comes_back);
+    tcase_add_test(tc, what_is_written_is_sent);
     tcase_add_test(tc, many_readers_and_a_writer);
     tcase_add_test(tc, room_is_given_back);
     tcase_add_test(tc, kept_under_a_name);
