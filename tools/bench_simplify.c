@@ -291,7 +291,7 @@ int bench_simplify(int argc, char **argv) {
     options o = {.runs = 5, .samples = 1 << 20};
     bool ok = true;
     int option;
-    while ((option = cli_option(argc, argv, "h", long_options)) != -1 && ok) {
+    while (ok && (option = cli_option(argc, argv, "h", long_options)) != -1) {
         switch (option) {
         case GLOBE:
             ok = cli_u64(optarg, 8, 20000, &o.globe);

@@ -20,7 +20,9 @@ static const char help[] =
     "  --position-bits N     the longest side has at most 2^N steps: 8 … 23, default 16\n"
     "  --weld on|off         vertices at equal positions become one (default), or not\n"
     "  --reader own|openmesh\n"
-    "  --work-ram SIZE       what cells and sorts share of --ram, for tests of little memory\n"
+    "  --work-ram SIZE       what cells and sorts share of --ram, for tests of little memory;\n"
+    "                        where it is less than a cell takes, cells are smaller, and the\n"
+    "                        tree is another\n"
     "  --json                figures as one JSON object\n";
 
 int cmd_build(int argc, char **argv) {

@@ -142,6 +142,10 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
     *code = session_options_file(&r->options, argc, argv);
     if (*code == MN_OK && r->options.path_name == NULL)
         *code = cli_error(MN_USAGE, "replay: which --path? orbit, dive, flyover, or a path file");
+    if (*code == MN_OK && r->key_every > 1 && r->path_out == NULL)
+        *code = cli_error(MN_USAGE, "replay: --key-every is for --write-path");
+    if (*code == MN_OK && r->images_every > 1 && r->images_dir == NULL && !r->compared)
+        *code = cli_error(MN_USAGE, "replay: --images-every is for --images and --reference");
     const char *const outputs[] = {r->csv_name, r->path_out};
     for (int i = 0; i < 2 && *code == MN_OK; i++)
         *code = session_options_output(&r->options, argv[0], outputs[i]);

@@ -12,7 +12,7 @@
 
 static const char help[] =
     "usage: metanode trace FILE [--to report|chrome|csv] [-o OUT] [OPTION …]\n\n"
-    "What happened in a session: FILE is what replay --trace or view --trace has written.\n\n"
+    "What happened in a session: FILE is what --trace of replay, view or shoot has written.\n\n"
     "  --to report       in words (default): misses over time and by level, latencies, prefetch,\n"
     "                    working set, and what other numbers of place holders would have come to\n"
     "  --to chrome       JSON for ui.perfetto.dev or chrome://tracing\n"
@@ -78,6 +78,8 @@ static int parse(options *o, int argc, char **argv, bool *done) {
     if (o->to == REPORT && (o->from_frame > 0 || o->to_frame < UINT32_MAX))
         return cli_error(MN_USAGE, "trace: the report is of all frames; --from-frame and "
                                    "--to-frame are for --to chrome and --to csv");
+    if (o->sizes != NULL && o->to != REPORT)
+        return cli_error(MN_USAGE, "trace: --k is the report's");
     if (!read_sizes(o))
         return cli_error(MN_USAGE, "trace: --k '%s': numbers of place holders, such as 64,128,256",
                          o->sizes);

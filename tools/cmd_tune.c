@@ -94,6 +94,8 @@ static mn_code run(tune *t, mn_status *st) {
     if (code == MN_OK) {
         say_begin(t);
         code = tune_build(t, st);
+        if (code == MN_BAD_INPUT)
+            tune_folder_forget(t);
     }
     if (code == MN_OK)
         code = sweep(t, &f, st);

@@ -193,6 +193,8 @@ double tune_p99_ms(const tune_cell *cell, bool cpu);
 /* Makes it, or takes up what stands in it, if it is of the same input, program, machine and
  * options; alone. MN_USAGE: of others. */
 mn_code tune_folder_open(tune *t, mn_status *st);
+/* An input that cannot be read: what was made for it goes, unless something was measured. */
+void tune_folder_forget(tune *t);
 void tune_folder_close(tune *t);
 /* Cells that stand in the results are measured. MN_BAD_INPUT: a line that is none of ours. */
 mn_code tune_results_load(tune *t, mn_status *st);

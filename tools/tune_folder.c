@@ -210,6 +210,16 @@ mn_code tune_folder_open(tune *t, mn_status *st) {
                : mn_fail(st, MN_FAILED, "%s: cannot be written: %s", path, strerror(errno));
 }
 
+void tune_folder_forget(tune *t) {
+    char path[PATH_MAX];
+    struct stat info;
+    if (fstat(t->results_fd, &info) != 0 || info.st_size > 0)
+        return;
+    clear(t);
+    if (tune_file_name(t, "tune.txt", path, sizeof path) >= 0)
+        unlink(path);
+}
+
 void tune_folder_close(tune *t) {
     if (t->results_fd >= 0)
         close(t->results_fd);

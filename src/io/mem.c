@@ -14,7 +14,7 @@ mn_code mni_arena_open(mni_arena *arena, size_t size_bytes, mn_status *st) {
     void *base = mmap(NULL, size > 0 ? size : PAGE_BYTES, PROT_READ | PROT_WRITE,
                       MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (base == MAP_FAILED)
-        return mn_fail(st, MN_FAILED, "cannot get %zu bytes of memory: %s; lower --ram", size,
+        return mn_fail(st, MN_FAILED, "cannot get %zu bytes of memory: %s; lower --ram or -K", size,
                        strerror(errno));
     *arena = (mni_arena){.base = base, .size_bytes = size};
     return MN_OK;

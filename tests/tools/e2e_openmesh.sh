@@ -39,6 +39,7 @@ benches() {
         test "$(grep -c '"openmesh_distance"' "$out")" -eq 6
     check "bench simplify: no figure is missing" test "$(grep -c null "$out")" -eq 0
     expect 0 "bench simplify as a table" bench simplify sphere.ply --runs 0 --samples 5000 || true
+    expect 2 "a globe too small" bench simplify --globe 3 && one_line "a globe too small" "'3'" # it had said (null)
     expect 2 "bench simplify of nothing" bench simplify && one_line "bench simplify of nothing" --globe
     expect 2 "no such bench" bench nothing && one_line "no such bench" nothing
 }

@@ -173,6 +173,9 @@ written_paths() {
             holds "$path: about the same triangles" "($(figures triangles_mean) / $was - 1) ^ 2 < 0.02 ^ 2"
     done
     expect 2 "no keys" replay "$file" --path orbit --write-path a.path --key-every 0 && one_line "no keys" key-every
+    expect 2 "keys of nothing" replay "$file" --path orbit --frames 2 --key-every 4 && one_line "keys of nothing" write-path
+    expect 2 "pictures of nothing" replay "$file" --path orbit --frames 2 --images-every 4 &&
+        one_line "pictures of nothing" images
     expect 2 "over the path" replay "$file" --path dive.1.path --write-path dive.1.path
     expect 2 "over the model" replay "$file" --path dive --write-path "$file"
 }

@@ -172,6 +172,7 @@ expect 2 trace good --from-frame 9 --to-frame 3
 expect 2 trace good --from-frame 9
 expect 2 trace good --to csv --json
 expect 2 trace good --k 0
+expect 2 trace good --k 8 --to csv # it had been passed over
 expect 2 trace good --k 7,,8
 expect 2 trace good -o good
 expect 1 trace good -o nowhere/x

@@ -154,7 +154,9 @@ usage() {
     expect 3 "no such mesh" tune "$scratch/nope.ply" -o "$scratch/u"
     expect 3 "no such path" tune "$scratch/s.ply" -o "$scratch/u" --path "$scratch/nope"
     check "usage: nothing was made" test ! -e "$scratch/u"
+    rm -rf "$scratch/u"
     expect 3 "no mesh at all" tune "$0" -o "$scratch/u"
+    check "no mesh at all: the folder is free for another input" test -z "$(ls -A "$scratch/u")"
     expect 2 "no folder possible" tune "$scratch/s.ply" -o "$scratch/s.ply"
 }
 
