@@ -29,7 +29,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "plan.h"
 
 enum {

@@ -22,7 +22,7 @@
 #include <string.h>
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "block_rows.h"
 #include "block_send.h"
 #include "clock.h"

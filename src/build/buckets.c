@@ -2,7 +2,7 @@
  * that are used; chunk i of the file is at i × chunk_bytes. */
 #include "buckets.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum { HEAD_BYTES = 8, ALIGN = 16 };
 #define NONE UINT32_MAX

@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum {
     LEAF_MAX = 4,

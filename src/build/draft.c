@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "plan.h"
 
 void mni_draft_free(mni_draft *draft) {

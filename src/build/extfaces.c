@@ -18,7 +18,7 @@
 
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "exttriangles.h"
 #include "reader.h"
 

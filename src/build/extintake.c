@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "reader.h"
 
 enum { BUFFER_BYTES_MAX = 1 << 20, BUFFER_UNIT = 16 /* a vertex, as it is kept */ };

@@ -24,7 +24,7 @@
 
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "reader.h"
 
 enum {

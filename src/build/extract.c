@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "tree.h"
 
 /* ---- settled fronts ------------------------------------------------------------------------- */

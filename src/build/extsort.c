@@ -76,7 +76,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "mem.h"
 #include "spill.h"
 

@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "table.h"
 
 #include <xxhash.h>

@@ -7,7 +7,7 @@
 
 #include <stdlib.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 /* What of the cell goes where: the tile in the upper half, which one in the lower. */
 typedef struct list {

@@ -15,7 +15,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 extern char **environ;
 

@@ -19,7 +19,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "block.h"
 #include "block_layout.h"
 #include "varint.h"

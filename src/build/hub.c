@@ -4,7 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum { ROOM_MIN = 16 };
 

@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "extintake.h"
 #include "faces.h"
 #include "weld.h"

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 /* k's fan is walked whole for the link condition up to this length; a longer one (a pole) is asked
  * about each ring vertex instead, through that vertex's own, shorter list. */

@@ -25,7 +25,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "noise.h"
 
 enum {

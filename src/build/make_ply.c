@@ -9,7 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum {
     VERTEX_BYTES = 15, /* three floats, three bytes of colour */

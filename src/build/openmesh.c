@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "helper.h"
 
 enum { CHUNK = 4096 }; /* vertices converted at a time */

@@ -23,7 +23,7 @@
  * Here: the plan of memory, and the steps' order. One thread. */
 #include "order.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "extsort.h"
 #include "order_parts.h"
 #include "rows.h"

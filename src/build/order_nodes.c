@@ -9,7 +9,7 @@
  * Order ids count collapses by stage, then key, then number. Stages are met one after the other, so
  * each is sorted by itself: by falling key, since numbers fall too, equal ones in the order in
  * which they come. Memory: plan.nodes_bytes and the sort's. One thread. */
-#include "assert.h"
+#include "mn_assert.h"
 #include "extsort.h"
 #include "order_parts.h"
 

@@ -11,7 +11,7 @@
 #define XXH_STATIC_LINKING_ONLY /* the state's size */
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "order_parts.h"
 #include "rowpack.h"
 #include "unit.h"

@@ -1,7 +1,7 @@
 /* See pages.h. Secret: which page goes. */
 #include "pages.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum { WAYS = 8, ALIGN = 16 };
 #define NO_PAGE UINT64_MAX

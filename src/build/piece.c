@@ -4,7 +4,7 @@
  * One thread a plan. Memory: the caller's, for the simplices of one block. Paper: §3.2. */
 #include "plan.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 
 /* A simplex of less than a byte would have its corners in an interval of a few leaves: then there
  * are doubles, and more of them than that are cut. */

@@ -10,7 +10,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum { NAME_MAX_BYTES = 40, ELEMENTS_MAX = 32, PROPERTIES_MAX = 512 };
 

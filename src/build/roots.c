@@ -22,7 +22,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "simplify.h"
 
 enum {

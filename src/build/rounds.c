@@ -21,7 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "curve.h"
 #include "deal.h"
 #include "give.h"

@@ -11,7 +11,7 @@
 
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "varint.h"
 
 enum { TURN = 18 /* the lower bits of switch values and radii are 0 */ };

@@ -18,7 +18,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "rowpack.h"
 
 enum {

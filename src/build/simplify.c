@@ -18,7 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "clock.h"
 #include "rounds.h"
 #include "unit.h"

@@ -25,7 +25,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 static void name_for_messages(char *name, size_t size, const char *path) {
     size_t length = strlen(path);

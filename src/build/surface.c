@@ -5,7 +5,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum { LINE_BYTES = 64, HUGE_BYTES = 2 << 20 };
 _Static_assert(sizeof(mni_vertex) == 2 * LINE_BYTES && offsetof(mni_vertex, xy) == LINE_BYTES,

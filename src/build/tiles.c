@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 /* Whether the tile that begins there begins behind a vertex. */
 static bool is_behind(const mni_tile_sample *cut, uint64_t key, uint32_t id) {

@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "block.h"
 #include "file.h"
 #include "frame.h"

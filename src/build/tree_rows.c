@@ -9,7 +9,7 @@
 #define XXH_STATIC_LINKING_ONLY /* the state's size */
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "tree.h"
 
 enum { BATCH = 256 }; /* records handed over at once */

@@ -15,7 +15,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 #include <xxhash.h>
 

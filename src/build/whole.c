@@ -6,7 +6,7 @@
  * in files. Paper: §3.2. */
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "plan.h"
 
 enum { TEST_EVERY = 64 }; /* nodes between looks whether it still fits */

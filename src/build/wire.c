@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "varint.h"
 
 enum { FIXED_BITS = 31, FAR = 900 /* exponents beyond count as 0 */, PLACE_BITS = 24 };

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "star.h"
 
 enum { LEAF_TRIANGLES_MAX = 24 };

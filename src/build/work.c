@@ -29,7 +29,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "file.h"
 #include "rounds.h"
 

@@ -7,7 +7,7 @@
  * Paper: §3.2 (meta-nodes). */
 #include "block_layout.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "frame.h"
 
 /* The short way: the processor takes bits out of words by one instruction (BMI2), a row is fetched

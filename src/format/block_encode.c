@@ -6,7 +6,7 @@
  * size; the bytes are the caller's. Paper: §3.2. */
 #include "block_layout.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "frame.h"
 
 /* Ranges beyond the bases: of fields that count from 0. */

@@ -10,7 +10,7 @@
 #include <string.h>
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "block.h"
 #include "file.h"
 

@@ -13,7 +13,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "parts.h"
 
 enum { WINDOW = MN_SSIM_WINDOW, MOMENTS = 5 };

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 struct mn_gl {
     mni_offscreen *offscreen; /* one of these two */

@@ -19,7 +19,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum {
     SAMPLES_WANTED = 4,

@@ -22,7 +22,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 /* A sum's unit, in radians: 8,192 of them fit, more than the corners of a pole with thousands of
  * neighbours have. */

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "trace.h"
 
 size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max, uint32_t look_bytes) {

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "file.h"
 
 size_t mni_disk_need(void) {

@@ -14,7 +14,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "pace.h"
 
 enum {

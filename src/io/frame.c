@@ -8,7 +8,7 @@
 #include <string.h>
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "files are little-endian");
 

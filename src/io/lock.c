@@ -7,7 +7,7 @@
 
 #include <stdbool.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "clock.h"
 #include "trace.h"
 

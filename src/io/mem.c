@@ -5,7 +5,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum { PAGE_BYTES = 4096 };
 

@@ -7,7 +7,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "method.h"
 
 typedef struct pread_disk {

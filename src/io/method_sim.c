@@ -16,7 +16,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "method.h"
 #include "trace.h"
 

@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "method.h"
 
 enum { CHUNKS_REGISTERED_MAX = 16384 }; /* the kernel's IORING_MAX_REG_BUFFERS; others do without */

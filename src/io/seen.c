@@ -11,7 +11,7 @@
 #include <emmintrin.h>
 #endif
 
-#include "assert.h"
+#include "mn_assert.h"
 
 __extension__ typedef unsigned __int128 wide;
 

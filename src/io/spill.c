@@ -13,7 +13,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "pace.h"
 
 enum {

@@ -20,7 +20,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "clock.h"
 #include "mem.h"
 

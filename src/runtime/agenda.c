@@ -7,7 +7,7 @@
 
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum {
     FEW = 256,      /* items: a radix pass costs as much as so many steps of a heap */

@@ -1,7 +1,7 @@
 /* The ancestor table. See ancestors.h. */
 #include "ancestors.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 
 size_t mni_ancestors_need(uint32_t max) {
     return mni_arena_need(max, sizeof(mni_ancestor), _Alignof(mni_ancestor)) +

@@ -1,7 +1,7 @@
 /* The free list. See freelist.h. */
 #include "freelist.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 
 static void link_between(mni_freelist *list, mni_holders *holders, uint32_t slot, uint32_t prev,
                          uint32_t next) {

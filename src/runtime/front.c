@@ -12,7 +12,7 @@
 
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "frame.h"
 #include "rate.h"
 #include "ring.h"

@@ -9,7 +9,7 @@
 
 #include <xxhash.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "file.h"
 #include "frame.h"
 #include "front.h"

@@ -1,7 +1,7 @@
 /* Grants. See grants.h. */
 #include "grants.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "trace.h"
 
 size_t mni_grants_need(uint32_t max) {

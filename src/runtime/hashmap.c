@@ -1,7 +1,7 @@
 /* Open addressing at a load of at most one half. See hashmap.h. */
 #include "hashmap.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 
 static uint32_t slots_for(uint32_t max) {
     MN_ASSERT(max <= UINT32_C(1) << 30);

@@ -1,7 +1,7 @@
 /* Place holders. See holder.h. */
 #include "holder.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "trace.h"
 
 /* Chunks are registered with the kernel and given back apart: small enough that a cap can shrink

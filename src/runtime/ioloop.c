@@ -8,7 +8,7 @@
 #include <errno.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "clock.h"
 #include "frame.h"
 #include "trace.h"

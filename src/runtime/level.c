@@ -21,7 +21,7 @@
 
 #include <math.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum { UNKNOWN = MNI_LEVEL_MAX + 1 };
 

@@ -19,7 +19,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum {
     SMALL_TRIANGLES = 2000,

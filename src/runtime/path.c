@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "metanode/runtime.h"
 #include "path_keys.h"
 

@@ -22,7 +22,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum {
     KEYS_MAX = 1500000, /* with what growing takes, 100 MB */

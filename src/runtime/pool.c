@@ -1,7 +1,7 @@
 /* The pool, I/O's side and what both sides need. See pool.h. */
 #include "pool.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "frame.h"
 #include "trace.h"
 

@@ -17,7 +17,7 @@
  *   both     overflow        as a switch down that adds to G alone
  *   both     K >= blocks     no rule: each block has a place of its own
  */
-#include "assert.h"
+#include "mn_assert.h"
 #include "frame.h"
 #include "pool.h"
 #include "trace.h"

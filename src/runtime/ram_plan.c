@@ -14,7 +14,7 @@
 
 #include <inttypes.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "navigate.h"
 #include "store.h"
 

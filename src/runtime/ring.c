@@ -14,7 +14,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 enum { HALF = MNI_FRONT_CORNERS };
 _Static_assert(HALF == 8, "what a vector holds");

@@ -1,7 +1,7 @@
 /* Blocks that I/O may read on its own account. See scout.h. */
 #include "scout.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 
 size_t mni_scouts_need(void) {
     return mni_arena_need(MNI_SCOUTS_MAX, sizeof(mni_scout), _Alignof(mni_scout));

@@ -13,7 +13,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "clock.h"
 #include "lock.h"
 #include "metanode/runtime.h"

@@ -6,7 +6,7 @@
 #include "store.h"
 
 #include "ancestors.h"
-#include "assert.h"
+#include "mn_assert.h"
 #include "store_kind.h"
 
 struct mni_store {

@@ -19,7 +19,7 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "failures.h"
 #include "file.h"
 #include "frame.h"

@@ -10,7 +10,7 @@
 #include <stdio.h>
 #include <sys/mman.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "frame.h"
 #include "ioloop.h"
 

@@ -13,7 +13,7 @@
  * Any order of calls after open. Threads: Navigate only. No memory of its own. Paper: none. */
 #include "waiting.h"
 
-#include "assert.h"
+#include "mn_assert.h"
 
 #define SLOT 0x80000000u
 

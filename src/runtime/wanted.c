@@ -27,7 +27,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 #define PI 3.14159265358979323846
 

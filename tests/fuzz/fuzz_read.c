@@ -12,7 +12,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 #include "metanode/build.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

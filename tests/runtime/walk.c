@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "assert.h"
+#include "mn_assert.h"
 
 uint64_t mix(uint64_t a, uint64_t b) {
     uint64_t z = a * UINT64_C(0x9e3779b97f4a7c15) + b + UINT64_C(0x632be59bd9b4e019);
