@@ -16,10 +16,7 @@ static const char *const reader_names[] = {"own", "openmesh", NULL};    /* by mn
 
 /* ---- options -------------------------------------------------------------------------------- */
 
-enum {
-    MMAP_BYTES = 16 << 10,  /* what takes more is given back as soon as it is freed */
-    PACE_BYTES = 256 << 10, /* a file; there are about ten at once */
-};
+enum { MMAP_BYTES = 16 << 10 }; /* what takes more is given back as soon as it is freed */
 
 /* As they stand on the command line. */
 typedef struct words {
@@ -149,7 +146,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
     mallopt(M_MMAP_THRESHOLD, MMAP_BYTES);
     mallopt(M_ARENA_MAX, 1);
     if (host_ram_bytes("") < 2 * b->ram_bytes) /* a cgroup of about the cap */
-        mn_write_pace(PACE_BYTES);
+        mn_readahead_off();
     cli_interrupts_catch();
     return MN_OK;
 }

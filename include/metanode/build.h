@@ -201,11 +201,10 @@ void mn_work_close(mn_work *work);
  * room the next time. False: nothing is, so all has gone. */
 bool mn_work_leave(mn_work *work);
 
-/* From now on who writes temporary files, trees and block files sends what is written to the disk
- * after so many bytes of a file, and waits for what it sent before: the page cache then keeps at
- * most twice as much of each to be written. 0: the system decides, as it does at first. For memory
- * cgroups with little room beside the cap. The whole process; before it has threads. */
-void mn_write_pace(uint64_t bytes);
+/* Inputs and temporary files that are opened from now on are read without the system's own
+ * read-ahead: what is asked for ahead is what we ask for. For memory cgroups with little room
+ * beside the cap. The whole process; before it has threads. */
+void mn_readahead_off(void);
 
 /* ---- blocks ------------------------------------------------------------------------------- */
 

@@ -26,6 +26,7 @@
 #include <unistd.h>
 
 #include "mn_assert.h"
+#include "readahead.h"
 
 static void name_for_messages(char *name, size_t size, const char *path) {
     size_t length = strlen(path);
@@ -78,6 +79,7 @@ bool mni_source_open(mni_source *source, const char *path, const mn_read_desc *d
     if (!open_regular(source, path))
         return false;
     posix_fadvise(source->fd, 0, 0, POSIX_FADV_SEQUENTIAL);
+    mni_readahead(source->fd);
     source->buffer = malloc(MNI_SOURCE_BUFFER_BYTES + 1);
     source->c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     if (source->buffer == NULL || source->c_locale == (locale_t)0) {

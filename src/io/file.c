@@ -15,7 +15,6 @@
 #include <unistd.h>
 
 #include "mn_assert.h"
-#include "pace.h"
 
 enum {
     TAIL_BYTES = 256 * 1024, /* appends of a few bytes become few, large writes */
@@ -91,7 +90,6 @@ static mn_code flush(mni_out *out, mn_status *st) {
     int error = write_whole(out->fd, out->tail, out->tail_bytes, out->offset);
     if (error != 0)
         return write_failed(out, error, st);
-    mni_pace(out->fd, &out->unsent, out->tail_bytes);
     out->offset += out->tail_bytes;
     out->tail_bytes = 0;
     return MN_OK;

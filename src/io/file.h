@@ -38,7 +38,6 @@ typedef struct mni_out {
     unsigned char *tail; /* appended, not yet written */
     size_t tail_bytes;
     uint64_t offset; /* of the tail in the file */
-    uint64_t unsent; /* for mni_pace */
     mn_code failed;
 } mni_out;
 

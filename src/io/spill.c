@@ -14,7 +14,7 @@
 #include <xxhash.h>
 
 #include "mn_assert.h"
-#include "pace.h"
+#include "readahead.h"
 
 enum {
     /* A hole costs a file system tens of microseconds, as long as reading 100 kB takes. */
@@ -31,8 +31,10 @@ static mn_code not_made(const char *dir, mn_status *st) {
 mn_code mni_spill_open(mni_spill *spill, const char *dir, mn_status *st) {
     *spill = (mni_spill){.dir = dir};
     spill->fd = open(dir, O_RDWR | O_TMPFILE | O_CLOEXEC, 0600);
-    if (spill->fd >= 0)
+    if (spill->fd >= 0) {
+        mni_readahead(spill->fd);
         return MN_OK;
+    }
     char name[PATH_MAX]; /* file systems that have no files without names */
     if (snprintf(name, sizeof name, "%s/.metanode-XXXXXX", dir) >= PATH_MAX) {
         errno = ENAMETOOLONG;
@@ -42,6 +44,7 @@ mn_code mni_spill_open(mni_spill *spill, const char *dir, mn_status *st) {
     if (spill->fd < 0)
         return not_made(dir, st);
     unlink(name);
+    mni_readahead(spill->fd);
     return MN_OK;
 }
 
@@ -81,7 +84,6 @@ static mn_code write_all(mni_spill *spill, uint64_t offset, const void *bytes, s
         count -= (size_t)put;
         offset += (uint64_t)put;
         spill->bytes_written += (uint64_t)put;
-        mni_pace(spill->fd, &spill->unsent, (uint64_t)put);
     }
     return spill->trouble.code;
 }
@@ -247,6 +249,7 @@ mn_code mni_spill_resume(mni_spill *spill, const char *dir, int folder, const ch
     if (spill->fd >= 0 && fstat(spill->fd, &info) == 0 && S_ISREG(info.st_mode) &&
         (uint64_t)info.st_size == size_bytes && (code = mni_spill_keep(spill, st)) == MN_OK) {
         spill->size_bytes = size_bytes;
+        mni_readahead(spill->fd);
         code = check_sum(spill, sum, st);
     }
     if (code == MN_OK)

@@ -31,7 +31,6 @@ typedef struct mni_spill {
     const char *dir;                    /* the caller's; must outlive the spill */
     uint64_t size_bytes;                /* written so far: where the next writer begins */
     uint64_t bytes_read, bytes_written; /* moved between us and the file */
-    uint64_t unsent;                    /* for mni_pace */
     mn_status trouble;                  /* the first failure */
     void *sum;                          /* of a kept one: XXH3 of what was written, so far */
 } mni_spill;
