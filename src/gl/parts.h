@@ -81,8 +81,8 @@ uint32_t mni_surface_pack(const uint32_t sum[3]);
 
 /* ---- png.c ---------------------------------------------------------------------------------- */
 
-/* Opaque PNG of width × height × RGBA8, bottom row first; temporary name, sync, rename. MN_FAILED
- * or MN_NO_SPACE; nothing is left behind then. */
+/* Opaque PNG of width × height × RGBA8, bottom row first, there at once and whole (mni_out).
+ * MN_FAILED or MN_NO_SPACE; nothing is left behind then. */
 mn_code mni_png_write(const char *path, uint32_t width, uint32_t height, const uint8_t *rgba,
                       mn_status *st);
 

@@ -1,26 +1,34 @@
 /* Pictures as PNG. Hides libpng and its ways of failing.
  *
- * Written under a temporary name, synced, renamed: a picture is there whole or not at all, and what
- * is no regular file stays. Any thread; memory: to write, a row and what libpng takes, until
- * return; to read, the picture, which the caller frees. */
+ * Written as every output is (src/io/file.h): a picture is there whole or not at all, whoever
+ * interrupts, and what is no regular file stays. Any thread; memory: to write, a row, what libpng
+ * and a mni_out take, until return; to read, the picture, which the caller frees. */
 #include "parts.h"
 
 #include <errno.h>
-#include <limits.h>
 #include <png.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
+
+#include "file.h"
 
 enum { SIDE_MAX = 16384 }; /* of a picture that is read: what is drawn is no larger */
 
 /* ---- writing --------------------------------------------------------------------------------- */
 
-/* libpng reports here and must not return: an error text kept for the status, then back. */
+/* Where the bytes go, and what went wrong first: with the file, or else what libpng says. */
+typedef struct sink {
+    mni_out out;
+    mn_status *st;
+    char error[128];
+} sink;
+
+/* libpng reports here and must not return: the text is kept for the status, then back. */
 static void on_error(png_structp png, png_const_charp text) {
-    snprintf(png_get_error_ptr(png), 128, "%s", text);
+    sink *to = png_get_error_ptr(png);
+    snprintf(to->error, sizeof to->error, "%s", text);
     png_longjmp(png, 1);
 }
 
@@ -29,16 +37,26 @@ static void on_warning(png_structp png, png_const_charp text) {
     (void)text;
 }
 
+static void put(png_structp png, png_bytep bytes, size_t count) {
+    sink *to = png_get_io_ptr(png);
+    if (mni_out_write(&to->out, bytes, count, to->st) != MN_OK)
+        png_error(png, "it cannot be written");
+}
+
+/* mni_out_commit syncs. */
+static void flush(png_structp png) {
+    (void)png;
+}
+
 /* All that may longjmp; no local is changed between setjmp and the jump. */
-static bool encode(FILE *file, uint32_t width, uint32_t height, const uint8_t *rgba,
-                   char error[128]) {
-    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, error, on_error, on_warning);
+static bool encode(sink *to, uint32_t width, uint32_t height, const uint8_t *rgba) {
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, to, on_error, on_warning);
     png_infop info = png != NULL ? png_create_info_struct(png) : NULL;
     if (info == NULL || setjmp(png_jmpbuf(png)) != 0) {
         png_destroy_write_struct(&png, &info);
         return false;
     }
-    png_init_io(png, file);
+    png_set_write_fn(png, to, put, flush);
     png_set_IHDR(png, info, width, height, 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE,
                  PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_set_sRGB(png, info, PNG_sRGB_INTENT_PERCEPTUAL);
@@ -51,41 +69,17 @@ static bool encode(FILE *file, uint32_t width, uint32_t height, const uint8_t *r
     return true;
 }
 
-static mn_code failure(const char *path, const char *why, mn_status *st) {
-    const int e = errno;
-    return mn_fail(st, e == ENOSPC || e == EDQUOT ? MN_NO_SPACE : MN_FAILED,
-                   "cannot write picture %s: %s; is the directory there, writable, not full?", path,
-                   e != 0 ? strerror(e) : why);
-}
-
 mn_code mni_png_write(const char *path, uint32_t width, uint32_t height, const uint8_t *rgba,
                       mn_status *st) {
-    char temporary[4096], target[PATH_MAX];
-    char error[128] = "no memory";
-    struct stat info;
-    if (stat(path, &info) == 0) { /* renaming would take a device's place, or a link's */
-        if (!S_ISREG(info.st_mode))
-            return mn_fail(st, MN_FAILED, "%s: not a regular file; name another picture", path);
-        path = realpath(path, target);
-    }
-    if (path == NULL || snprintf(temporary, sizeof temporary, "%s.%ld.tmp", path, (long)getpid()) >=
-                            (int)sizeof temporary)
-        return mn_fail(st, MN_USAGE, "path of the picture is longer than 4,000 characters");
-    errno = 0;
-    FILE *file = fopen(temporary, "wbe");
-    if (file == NULL)
-        return failure(path, error, st);
-    bool good = encode(file, width, height, rgba, error);
-    good = good && fflush(file) == 0 && fsync(fileno(file)) == 0;
-    mn_code code = good ? MN_OK : failure(path, error, st);
-    errno = 0;
-    if (fclose(file) != 0 && code == MN_OK)
-        code = failure(path, error, st);
-    if (code == MN_OK && rename(temporary, path) != 0)
-        code = failure(path, error, st);
+    sink to = {.st = st, .error = "no memory"};
+    const mn_code code = mni_out_open(&to.out, path, st);
     if (code != MN_OK)
-        unlink(temporary);
-    return code;
+        return code;
+    if (encode(&to, width, height, rgba))
+        return mni_out_commit(&to.out, st);
+    const mn_code failed = to.out.failed;
+    mni_out_abort(&to.out);
+    return failed != MN_OK ? failed : mn_fail(st, MN_FAILED, "%s: no picture: %s", path, to.error);
 }
 
 /* ---- reading --------------------------------------------------------------------------------- */
