@@ -188,8 +188,9 @@ typedef struct mn_work_desc {
 /* Takes the folder, which only one process can have. With resume, files that were kept are read
  * once and compared with their checksums; if there is nothing whole to go on from, work begins at
  * the beginning, and mn_work_note says why. Refused: MN_USAGE where it was begun with other
- * options, MN_BAD_INPUT where the mesh has changed, MN_FAILED where another build has the folder,
- * or it holds something else. Nothing is changed then. */
+ * options, MN_BAD_INPUT where the mesh has changed, MN_FAILED where another build has the folder
+ * (it is waited for 2 s: it may have been killed just now), or it holds something else. Nothing is
+ * changed then. */
 mn_code mn_work_open(mn_work **work, const mn_work_desc *desc, mn_status *st);
 /* What need not be done again. */
 mn_phase mn_work_done(const mn_work *work);

@@ -26,6 +26,7 @@
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 #include <xxhash.h>
 
@@ -37,7 +38,12 @@ static const char state_name[] = "state", new_state_name[] = "state.new";
 static const char magic[8] = "mnwork1\n";
 static const char *const phase_names[] = {"nothing", "reading", "simplifying", "ordering"};
 
-enum { NAME_BYTES = 16, OPEN_TRIES = 100 };
+enum {
+    NAME_BYTES = 16,
+    OPEN_TRIES = 100,
+    LOCK_TRIES = 100, /* 2 s: who was killed has its lock until it has given back its memory */
+    LOCK_TRIES_APART_NS = 20000000,
+};
 
 typedef struct kept_file {
     uint64_t size_bytes, sum;
@@ -150,6 +156,18 @@ static bool look_through(const mn_work *work, clearing what, mn_phase spared, mn
     return good;
 }
 
+static bool lock(int folder) {
+    const struct timespec apart = {.tv_nsec = LOCK_TRIES_APART_NS};
+    for (int i = 0; flock(folder, LOCK_EX | LOCK_NB) != 0; i++) {
+        if (errno != EWOULDBLOCK)
+            return true; /* a file system without locks */
+        if (i == LOCK_TRIES)
+            return false;
+        nanosleep(&apart, NULL);
+    }
+    return true;
+}
+
 /* Makes or opens the folder and locks it; once more where its last owner removes it meanwhile. */
 static mn_code open_folder(mn_work *work, mn_status *st) {
     struct stat here, there;
@@ -167,7 +185,7 @@ static mn_code open_folder(mn_work *work, mn_status *st) {
             return mn_fail(st, MN_FAILED,
                            "%s: not a folder of yours alone; remove it, or name another --temp-dir",
                            work->path);
-        if (flock(work->folder, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
+        if (!lock(work->folder))
             return mn_fail(st, MN_FAILED,
                            "%s: another build has it; wait for its end, or name another output",
                            work->path);

@@ -11,6 +11,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "suite.h"
@@ -245,6 +246,28 @@ START_TEST(another_build) {
 }
 END_TEST
 
+/* Whoever is killed has its lock a moment longer: it is waited for. */
+START_TEST(killed_just_now) {
+    int ready[2];
+    char byte;
+    ck_assert_int_eq(pipe(ready), 0);
+    fflush(NULL);
+    const pid_t child = fork();
+    if (child == 0) {
+        keep(try_open(true, MN_OK, ""), MN_PHASE_READ, 51);
+        _exit(write(ready[1], "r", 1) == 1 &&
+              nanosleep(&(struct timespec){.tv_nsec = 50000000}, NULL));
+    }
+    ck_assert_int_eq(read(ready[0], &byte, 1), 1);
+    mn_work *work = try_open(true, MN_OK, ""); /* its lock is taken still */
+    take(work, MN_PHASE_READ, 51);
+    mn_work_close(work);
+    ck_assert_int_eq(waitpid(child, NULL, 0), child);
+    close(ready[0]);
+    close(ready[1]);
+}
+END_TEST
+
 START_TEST(folders_of_others) {
     char name[80];
     ck_assert_int_eq(mkdir(place, 0700), 0);
@@ -341,6 +364,7 @@ int main(void) {
     tcase_add_test(tc, files_of_two_phases);
     tcase_add_test(tc, begins_anew);
     tcase_add_test(tc, another_build);
+    tcase_add_test(tc, killed_just_now);
     tcase_add_test(tc, folders_of_others);
     tcase_add_test(tc, damage);
     tcase_add_test(tc, other_numbers);
