@@ -153,6 +153,20 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
 
 /* ---- the steps ------------------------------------------------------------------------------ */
 
+/* A build that was killed, and is begun again with another --temp-dir, has left a folder that
+ * nobody would find again: it goes as it would from the same place, unless somebody is at work
+ * there. */
+static void clear_left(const build_steps *b, mn_work_desc desc) {
+    mn_work *left;
+    mn_status st = {0};
+    desc.path = temp_left(&b->temp);
+    desc.resume = false;
+    if (desc.path != NULL && mn_work_open(&left, &desc, &st) == MN_OK)
+        mn_work_close(left);
+    else if (desc.path != NULL)
+        fprintf(stderr, "metanode: warning: an earlier build's folder stays: %s\n", st.text);
+}
+
 /* Before anything is done: is there room for what it will take, and is the folder ours? */
 static mn_code begin(build_steps *b) {
     uint64_t vertices, triangles;
@@ -169,8 +183,10 @@ static mn_code begin(build_steps *b) {
     code = temp_check(&b->temp, b->out, &b->st);
     if (code == MN_OK)
         code = mn_work_open(&b->work, &desc, &b->st);
-    if (code == MN_OK)
+    if (code == MN_OK) {
+        clear_left(b, desc);
         temp_begin(&b->temp);
+    }
     if (code == MN_OK && b->resume)
         fprintf(stderr, "metanode: %s\n", mn_work_note(b->work));
     return code;

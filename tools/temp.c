@@ -68,31 +68,39 @@ static mn_code name_folders(temp_files *files, const char *out, const char *temp
 
 mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, bool resume,
                    mn_status *st) {
-    char kept[PATH_MAX];
     *files = (temp_files){0};
     if (name_folders(files, out, temp_dir, st) != MN_OK)
         return st->code;
-    const bool linked = read_link(files->link, kept);
+    const bool linked = read_link(files->link, files->left);
     if (!linked)
-        snprintf(kept, sizeof kept, "%s", files->link);
+        snprintf(files->left, sizeof files->left, "%s", files->link);
     if (resume && temp_dir == NULL && linked) { /* its --temp-dir, remembered */
-        char *copy = strdup(kept);
+        char *copy = strdup(files->left);
         if (copy == NULL)
             return mn_fail(st, MN_FAILED, "out of memory for names");
         snprintf(files->folder, sizeof files->folder, "%s", dirname(copy));
-        snprintf(files->work, sizeof files->work, "%s", kept);
+        snprintf(files->work, sizeof files->work, "%s", files->left);
         free(copy);
-    } else if (resume && temp_dir != NULL && holds_phase(kept) && !holds_phase(files->work)) {
+    } else if (resume && temp_dir != NULL && holds_phase(files->left) &&
+               !holds_phase(files->work)) {
         return mn_fail(
             st, MN_USAGE,
             "%.200s: what was finished is kept in %.200s: leave out --temp-dir to go on there", out,
-            kept);
+            files->left);
     } else if (temp_dir == NULL) {
         if (linked)
             (void)unlink(files->link); /* of a build that is not gone on with */
         files->link[0] = 0;
     }
     return MN_OK;
+}
+
+const char *temp_left(const temp_files *files) {
+    struct stat left, work;
+    if (stat(files->left, &left) != 0 || !S_ISDIR(left.st_mode) ||
+        (stat(files->work, &work) == 0 && left.st_dev == work.st_dev && left.st_ino == work.st_ino))
+        return NULL;
+    return files->left;
 }
 
 void temp_begin(const temp_files *files) {

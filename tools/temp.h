@@ -13,6 +13,7 @@ typedef struct temp_files {
     char folder[PATH_MAX];  /* for files without names: --temp-dir, or the output's */
     char work[PATH_MAX];    /* of the phases that are finished (mn_work): in there */
     char link[PATH_MAX];    /* beside the output, where work is not: leads there */
+    char left[PATH_MAX];    /* where an earlier build of this output had its phases, or work */
     uint64_t planned_bytes; /* at most so many are thought to be needed */
     uint64_t held_bytes, peak_bytes;
     double looked_s; /* when that was */
@@ -22,6 +23,9 @@ typedef struct temp_files {
  * MN_USAGE: what is to be resumed lies somewhere else. MN_FAILED: a name that is too long. */
 mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, bool resume,
                    mn_status *st);
+/* The folder of an earlier build that this one does not go on with, nor has cleared, since it lies
+ * elsewhere; NULL: there is none. */
+const char *temp_left(const temp_files *files);
 /* The work has been opened, or closed: makes the link, or removes it if it leads nowhere. */
 void temp_begin(const temp_files *files);
 void temp_end(const temp_files *files);

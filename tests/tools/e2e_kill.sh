@@ -234,6 +234,45 @@ elsewhere() {
     check "elsewhere: nothing is left" test -z "$(find temp other -mindepth 1)"
 }
 
+# killed_at PLACE: a build killed with a phase finished, its folder beside the output or in a --temp-dir.
+killed_at() {
+    rm -rf here temp other && mkdir here temp other
+    local option=()
+    [[ $1 == here ]] || option=(--temp-dir "$1")
+    begin build model.ply -o here/out.mnt "${option[@]}"
+    while kill -0 "$child" 2>/dev/null && [[ -z $(find here temp -path '*.work/state') ]]; do :; done
+    kill -KILL "$child" 2>/dev/null || true
+    await
+    [[ -n $(find here temp -path '*.work/state') ]]
+}
+
+# Begun again with another --temp-dir, or with none, it clears the folder that nobody would look for.
+moved() {
+    local from to option
+    for from in here temp; do
+        for to in here other; do
+            option=()
+            [[ $to == here ]] || option=(--temp-dir "$to")
+            if [[ $from == "$to" ]]; then
+                continue
+            elif ! killed_at "$from"; then
+                skip "from $from to $to: it was over before it could be killed"
+                continue
+            fi
+            expect 0 "from $from to $to" build model.ply -o here/out.mnt "${option[@]}"
+            check "from $from to $to: the same bytes" cmp whole.mnt here/out.mnt
+            check "from $from to $to: without a word" test ! -s "$err"
+            check "from $from to $to: nothing is left" test "$(find here temp other -mindepth 1)" = here/out.mnt
+        done
+    done
+    # What is no build's stays, and it is said.
+    killed_at temp || return 0
+    touch "$(readlink here/out.mnt.work)/mine"
+    expect 0 "what is no build's" build model.ply -o here/out.mnt --temp-dir other
+    one_line "what is no build's" "stays" "mine"
+    check "what is no build's stays" test -n "$(find temp -name mine)"
+}
+
 expect 0 model make terrain --triangles 60000 -o model.ply || finish
 begun_ms=$(now_ms)
 expect 0 whole build model.ply -o whole.mnt || finish
@@ -247,4 +286,5 @@ part interrupts
 part nohups
 part full_disks
 part elsewhere
+part moved
 finish
