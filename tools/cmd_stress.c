@@ -510,8 +510,7 @@ int cmd_stress(int argc, char **argv) {
     if (k != NULL && !o.k_min && !cli_u64(k, 1, UINT32_MAX, &o.k))
         return cli_error(MN_USAGE, "stress: -K '%s' is not a number of place holders, or min", k);
     if (argc - optind != 1)
-        return cli_error(MN_USAGE, "stress: %s; see metanode stress --help",
-                         argc == optind ? "which FILE?" : "one FILE at a time");
+        return cli_error(MN_USAGE, "stress: one FILE, please; see metanode stress --help");
     o.path = argv[optind];
     cli_interrupts_catch();
     return go(&o);

@@ -224,8 +224,8 @@ bool session_options_take(session_options *o, const char *command, int option, c
 
 int session_options_file(session_options *o, int argc, char **argv) {
     if (argc - optind != 1)
-        return cli_error(MN_USAGE, "%s: %s; see metanode %s --help", argv[0],
-                         argc == optind ? "which FILE?" : "one FILE at a time", argv[0]);
+        return cli_error(MN_USAGE, "%s: one FILE, please; see metanode %s --help", argv[0],
+                         argv[0]);
     if (o->desc.triangles_max > 0 && o->desc.degrade_off)
         return cli_error(MN_USAGE,
                          "%s: --triangles-max moves the tolerance, and --degrade off "

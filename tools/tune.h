@@ -93,6 +93,9 @@ mn_code tune_options_read(tune_options *o, int argc, char **argv, bool *done);
  * most TUNE_LIST_MAX are. */
 const char *tune_list(const char *text, bool (*take)(void *context, const char *word),
                       void *context);
+/* "p99 under 4 ms, misses under 1 % at 24 MB", onto bounds that are INFINITY still; NULL, or where
+ * the first stands that is not taken. */
+const char *tune_want_take(tune_want *want, const char *text);
 bool tune_places_parse(const char *word, tune_places *out);
 const char *tune_prefetch_name(mn_prefetch prefetch);
 const char *tune_objective_name(tune_objective objective);

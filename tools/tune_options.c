@@ -50,6 +50,10 @@ static const char help[] =
     "  --ram SIZE            peak of the process; without --caps also the cap of the replays\n"
     "  --minimize WHAT       error (default), misses, p99, ram; of what keeps to those on all "
     "paths\n"
+    "  --want WORDS          the same in words: \"p99 under 4 ms at 24 MB\", and besides or "
+    "instead "
+    "of p99\n"
+    "                        \"error under 3 px\", \"misses under 1 %\"\n"
     "  --clock wall|cpu      times by the clock (default), or the processor's: for busy machines\n"
     "the rest\n"
     "  --build-ram SIZE      cap of building and cutting\n"
@@ -129,9 +133,10 @@ bool tune_places_parse(const char *word, tune_places *out) {
     char rest = 0;
     uint64_t count = 0;
     *out = (tune_places){.kind = TUNE_COUNT};
-    if (strlen(word) >= sizeof out->text)
+    const size_t length = strlen(word);
+    if (length >= sizeof out->text)
         return false;
-    snprintf(out->text, sizeof out->text, "%s", word);
+    memcpy(out->text, word, length); /* the rest is 0 */
     if (strcmp(word, "min") == 0) {
         out->kind = TUNE_LEAST;
         return true;
@@ -194,7 +199,7 @@ static bool take_path(void *context, const char *word) {
 /* As they stand on the command line. */
 typedef struct words {
     const char *policy, *levels, *block_bytes, *places, *caps, *path, *prefetch;
-    const char *p99, *error, *misses, *ram;
+    const char *p99, *error, *misses, *ram, *want;
     uint64_t frames;
     int frames_given, objective, clock, open;
 } words;
@@ -232,6 +237,47 @@ static mn_code read_bound(const char *name, const char *text, double max, double
                               max);
 }
 
+/* The bound that begins at `at`, once; its length, 0: it is none. */
+static int take_bound(tune_want *want, const char *at) {
+    static const double MEGABYTE = 1048576, SIZE_MAX_BYTES = 4.6e18;
+    const struct {
+        const char *what, *unit;
+        double times, max, *bound;
+    } bounds[] = {{"p99", "ms", 1, 1e6, &want->p99_ms},
+                  {"error", "px", 1, 1e6, &want->error_px},
+                  {"misses", "%", 0.01, 1, &want->miss_rate},
+                  {"at", "MB", MEGABYTE, SIZE_MAX_BYTES, &want->ram_bytes},
+                  {"at", "GB", 1024 * MEGABYTE, SIZE_MAX_BYTES, &want->ram_bytes}};
+    char what[8], unit[4];
+    double value;
+    int length = 0;
+    if (sscanf(at, "%7[a-z0-9] under %lf %3[a-z%]%n", what, &value, unit, &length) != 3 &&
+        sscanf(at, "%2[at] %lf %3[GMB]%n", what, &value, unit, &length) != 3)
+        return 0;
+    for (size_t i = 0; i < sizeof bounds / sizeof bounds[0]; i++) {
+        if (strcmp(what, bounds[i].what) != 0 || strcmp(unit, bounds[i].unit) != 0)
+            continue;
+        const bool good =
+            isinf(*bounds[i].bound) && value >= 0 && value * bounds[i].times <= bounds[i].max;
+        *bounds[i].bound = value * bounds[i].times;
+        return good ? length : 0;
+    }
+    return 0;
+}
+
+const char *tune_want_take(tune_want *want, const char *text) {
+    const char *at = text;
+    do {
+        const int length = take_bound(want, at);
+        if (length == 0)
+            return at;
+        at += length;
+        at += strspn(at, ", ");
+        at += strncmp(at, "and ", 4) == 0 ? 4 : 0;
+    } while (*at != 0);
+    return NULL;
+}
+
 static mn_code read_want(tune_options *o, const words *w) {
     uint64_t bytes = 0;
     o->want.objective = (tune_objective)w->objective;
@@ -244,8 +290,14 @@ static mn_code read_want(tune_options *o, const words *w) {
     if (code == MN_OK && w->ram != NULL && !cli_size(w->ram, &bytes))
         code = (mn_code)cli_error(MN_USAGE, "tune: --ram '%s' is not a size like 24M", w->ram);
     o->want.ram_bytes = w->ram != NULL ? (double)bytes : INFINITY;
-    if (code == MN_OK && w->ram != NULL && w->caps == NULL)
-        o->cap[o->caps++] = bytes;
+    const char *bad = w->want != NULL ? tune_want_take(&o->want, w->want) : NULL;
+    if (code == MN_OK && bad != NULL)
+        code = (mn_code)cli_error(MN_USAGE,
+                                  "tune: --want '%s': '%s' is not like p99 under 4 ms, error under "
+                                  "3 px, misses under 1 %%, or at 24 MB, or is wanted twice",
+                                  w->want, bad);
+    if (code == MN_OK && isfinite(o->want.ram_bytes) && w->caps == NULL)
+        o->cap[o->caps++] = (uint64_t)o->want.ram_bytes;
     return code;
 }
 
@@ -275,52 +327,44 @@ static mn_code check_handed_on(tune_options *o) {
 
 static mn_code check_file(tune_options *o, int argc, char **argv) {
     if (argc - optind != 1)
-        return (mn_code)cli_error(MN_USAGE, "tune: %s; see metanode tune --help",
-                                  argc == optind ? "which mesh?" : "one mesh at a time");
+        return (mn_code)cli_error(MN_USAGE, "tune: one mesh, please; see metanode tune --help");
     if (o->folder == NULL)
         return (mn_code)cli_error(MN_USAGE, "tune: where to? give -o DIR");
     o->in = argv[optind];
     return MN_OK;
 }
 
-mn_code tune_options_read(tune_options *o, int argc, char **argv, bool *done) {
-    *o = (tune_options){.argc = argc, .argv = argv};
-    words w = {.policy = DEFAULT_POLICY,
-               .levels = DEFAULT_LEVELS,
-               .block_bytes = DEFAULT_BLOCK_BYTES,
-               .path = DEFAULT_PATH,
-               .prefetch = DEFAULT_PREFETCH,
-               .frames = DEFAULT_FRAMES};
-    o->limit_s = DEFAULT_LIMIT_S;
+static mn_code read_words(tune_options *o, words *w, int argc, char **argv, bool *done) {
     const cli_flag flags[] = {
         CLI_OUTPUT(&o->folder),
-        CLI_TEXT("policy", &w.policy),
-        CLI_TEXT("levels", &w.levels),
-        CLI_TEXT("block-bytes", &w.block_bytes),
-        CLI_TEXT("k", &w.places),
-        CLI_TEXT("caps", &w.caps),
-        CLI_TEXT("path", &w.path),
-        CLI_TEXT("prefetch", &w.prefetch),
+        CLI_TEXT("policy", &w->policy),
+        CLI_TEXT("levels", &w->levels),
+        CLI_TEXT("block-bytes", &w->block_bytes),
+        CLI_TEXT("k", &w->places),
+        CLI_TEXT("caps", &w->caps),
+        CLI_TEXT("path", &w->path),
+        CLI_TEXT("prefetch", &w->prefetch),
         CLI_SWITCH("cross", &o->cross),
         {.name = "frames",
          .kind = CLI_IS_WHOLE,
-         .to = &w.frames,
+         .to = &w->frames,
          .min = 1,
          .max = 1000000,
          .wants = "in 1 … 1000000",
-         .given = &w.frames_given},
+         .given = &w->frames_given},
         CLI_TEXT("fps", &o->fps),
         CLI_TEXT("size", &o->size),
         CLI_TEXT("tolerance", &o->tolerance),
         CLI_TEXT("degrade", &o->degrade),
-        CLI_CHOICE("open", &w.open, opens, "settled or roots"),
+        CLI_CHOICE("open", &w->open, opens, "settled or roots"),
         CLI_WHOLE("limit", &o->limit_s, 1, 1000000, "in 1 … 1000000"),
-        CLI_TEXT("p99-ms", &w.p99),
-        CLI_TEXT("error-px", &w.error),
-        CLI_TEXT("miss-rate", &w.misses),
-        CLI_TEXT("ram", &w.ram),
-        CLI_CHOICE("minimize", &w.objective, objectives, "error, misses, p99 or ram"),
-        CLI_CHOICE("clock", &w.clock, clocks, "wall or cpu"),
+        CLI_TEXT("p99-ms", &w->p99),
+        CLI_TEXT("error-px", &w->error),
+        CLI_TEXT("miss-rate", &w->misses),
+        CLI_TEXT("ram", &w->ram),
+        CLI_TEXT("want", &w->want),
+        CLI_CHOICE("minimize", &w->objective, objectives, "error, misses, p99 or ram"),
+        CLI_CHOICE("clock", &w->clock, clocks, "wall or cpu"),
         CLI_SIZE("build-ram", &o->build_ram_bytes, 1, UINT64_MAX, "a size like 64M"),
         {.name = "jobs",
          .letter = 'j',
@@ -333,7 +377,18 @@ mn_code tune_options_read(tune_options *o, int argc, char **argv, bool *done) {
         CLI_SWITCH("json", &o->json),
         {.name = NULL},
     };
-    mn_code code = cli_flags(argc, argv, flags, help, done);
+    return cli_flags(argc, argv, flags, help, done);
+}
+
+mn_code tune_options_read(tune_options *o, int argc, char **argv, bool *done) {
+    words w = {.policy = DEFAULT_POLICY,
+               .levels = DEFAULT_LEVELS,
+               .block_bytes = DEFAULT_BLOCK_BYTES,
+               .path = DEFAULT_PATH,
+               .prefetch = DEFAULT_PREFETCH,
+               .frames = DEFAULT_FRAMES};
+    *o = (tune_options){.argc = argc, .argv = argv, .limit_s = DEFAULT_LIMIT_S};
+    mn_code code = read_words(o, &w, argc, argv, done);
     if (code != MN_OK || *done)
         return code;
     if (w.places == NULL && w.caps == NULL)

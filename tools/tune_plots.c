@@ -454,7 +454,9 @@ static mn_code draw(const tune *t, tune_plots *p, tune_plot *plot, bool png, mn_
     if (cli_interrupted() != 0)
         code = mn_fail(st, MN_FAILED, "interrupted");
     else if (end.code == 127)
-        snprintf(p->says, sizeof p->says, "no plots: gnuplot is not there; install gnuplot-nox");
+        snprintf(p->says, sizeof p->says,
+                 "no plots but their scripts: gnuplot is not there; install gnuplot-nox, and the "
+                 "same command draws them");
     else if (p->off[png])
         snprintf(p->says, sizeof p->says, "no %s of plots: gnuplot: %.200s", png ? "PNG" : "SVG",
                  end.says);
@@ -469,12 +471,24 @@ static mn_code draw(const tune *t, tune_plots *p, tune_plot *plot, bool png, mn_
     return code;
 }
 
+/* For the first plot: where there is none, there is no folder. */
+static mn_code make_folder(const tune *t, mn_status *st) {
+    char folder[PATH_MAX];
+    if (tune_file_name(t, "plots", folder, sizeof folder) >= 0 &&
+        (mkdir(folder, 0777) == 0 || errno == EEXIST))
+        return MN_OK;
+    return mn_fail(st, mn_code_of_write(errno), "%s/plots: cannot be made: %s", t->o.folder,
+                   strerror(errno));
+}
+
 /* A plot of that name; its script was written whole into `script`. */
 static mn_code add_plot(const tune *t, tune_plots *p, tune_plot plot, const char *script,
                         mn_status *st) {
     char file[TUNE_NAME_MAX + 16];
     snprintf(file, sizeof file, "plots/%s.gp", plot.name);
-    mn_code code = keep(t, file, script, strlen(script), st);
+    mn_code code = make_folder(t, st);
+    if (code == MN_OK)
+        code = keep(t, file, script, strlen(script), st);
     if (p->count == TUNE_PLOTS_MAX)
         return code;
     tune_plot *added = &p->plot[p->count];
@@ -536,12 +550,7 @@ static mn_code of_all(const tune *t, tune_plots *p, const tune_findings *found, 
 }
 
 mn_code tune_plots_make(const tune *t, const tune_findings *found, tune_plots *p, mn_status *st) {
-    char folder[PATH_MAX];
     const uint32_t rules_drawn = t->o.cross ? t->o.prefetches : 1;
-    if (tune_file_name(t, "plots", folder, sizeof folder) < 0 ||
-        (mkdir(folder, 0777) != 0 && errno != EEXIST))
-        return mn_fail(st, mn_code_of_write(errno), "%s/plots: cannot be made: %s", t->o.folder,
-                       strerror(errno));
     mn_code code = of_all(t, p, found, true, st);
     for (uint32_t path = 0; path < t->o.paths; path++)
         for (uint32_t r = 0; r < rules_drawn; r++)

@@ -77,7 +77,7 @@ kinds() {
         --path orbit --frames 1000000 --prefetch ahead --limit 1
     check "late: why" grep -q '^packed-4K .* min .*took more than 1 s' "$out"
     PATH=$tools expect 0 caps tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 8M,1M --fps 0 \
-        --path orbit --frames 4 --prefetch ahead --p99-ms 1000 --minimize ram
+        --path orbit --frames 4 --prefetch ahead --want "p99 under 1000 ms" --minimize ram
     check "caps: too small, and what would do" grep -q '1M .* would work' "$out"
     check "caps: the other is best" grep -q 'packed-4K, K [0-9]* (cap) under 8 MB' "$out"
 }
@@ -105,7 +105,8 @@ page() {
     check "no gnuplot: $(cat "$err")" test "$code" -eq 0
     one_line "no gnuplot" gnuplot
     check "no gnuplot: the table" grep -q '^packed-4K ' "$out"
-    check "no gnuplot: the page" grep -q 'no plots: gnuplot' "$scratch/none/report.html"
+    check "no gnuplot: the page" grep -q 'no plots but their scripts: gnuplot' "$scratch/none/report.html"
+    check "no gnuplot: the scripts alone" test "$(ls "$scratch/none/plots" | sed 's/.*\.//' | sort -u)" = gp
 }
 
 # Interrupted in a measured cell: what was measured stays, lines are whole, and it goes on.
@@ -140,11 +141,13 @@ interrupt() {
 usage() {
     local -A wrong=([levels]=17 [block-bytes]=5K [k]=1/0 [caps]=0 [policy]=both [path]=, [prefetch]=on
         [frames]=0 [fps]=-1 [size]=big [tolerance]=0 [degrade]=yes [p99-ms]=-1 [error-px]=x [miss-rate]=2
-        [limit]=0 [open]=shut [ram]=none [minimize]=all [clock]=sun)
+        [want]='p99 above 4 ms' [limit]=0 [open]=shut [ram]=none [minimize]=all [clock]=sun)
     for option in "${!wrong[@]}"; do
         expect 2 "--$option" tune "$scratch/s.ply" -o "$scratch/u" "--$option" "${wrong[$option]}"
         one_line "--$option" "--$option" "'${wrong[$option]}'"
     done
+    expect 2 "the same bound twice" tune "$scratch/s.ply" -o "$scratch/u" --ram 8M --want "at 24 MB"
+    one_line "the same bound twice" 'twice'
     expect 2 "no mesh" tune -o "$scratch/u"
     expect 2 "two meshes" tune a b -o "$scratch/u"
     expect 2 "no folder" tune "$scratch/s.ply"

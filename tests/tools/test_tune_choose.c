@@ -52,6 +52,40 @@ START_TEST(settings_of_paths) {
 }
 END_TEST
 
+START_TEST(in_words) {
+    static const char *const good[] = {"p99 under 4 ms at 24 MB", "at 24 MB, p99 under 4 ms",
+                                       "p99 under 4ms and at 24MB",
+                                       "at 24 MB and p99 under 4.0 ms"};
+    static const char *const bad[][2] = {{"", ""},
+                                         {"p99", "p99"},
+                                         {"p99 under 4", "p99 under 4"},
+                                         {"p99 under 4 s", "p99 under 4 s"},
+                                         {"p99 under -1 ms", "p99 under -1 ms"},
+                                         {"p99 under nan ms", "p99 under nan ms"},
+                                         {"at 24 ms", "at 24 ms"},
+                                         {"at 1e30 GB", "at 1e30 GB"},
+                                         {"p50 under 4 ms", "p50 under 4 ms"},
+                                         {"at 24 MB please", "please"},
+                                         {"at 24 MB and at 16 MB", "at 16 MB"},
+                                         {"misses under 101 %", "misses under 101 %"}};
+    for (size_t i = 0; i < sizeof good / sizeof good[0]; i++) {
+        tune_want want = anything;
+        ck_assert_msg(tune_want_take(&want, good[i]) == NULL, "%s", good[i]);
+        ck_assert(want.p99_ms == 4 && want.ram_bytes == 24 << 20);
+        ck_assert(isinf(want.error_px) && isinf(want.miss_rate));
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        tune_want want = anything;
+        const char *at = tune_want_take(&want, bad[i][0]);
+        ck_assert_msg(at != NULL, "%s", bad[i][0]);
+        ck_assert_str_eq(at, bad[i][1]);
+    }
+    tune_want want = anything;
+    ck_assert_ptr_null(tune_want_take(&want, "error under 3 px, misses under 1 %, at 1.5 GB"));
+    ck_assert(want.error_px == 3 && want.miss_rate == 0.01 && want.ram_bytes == 1.5 * (1 << 30));
+}
+END_TEST
+
 START_TEST(least) {
     const tune_cell cells[] = {cell_of(4, 0.00, 9, 100), cell_of(8, 0.01, 5, 50),
                                cell_of(16, 0.02, 3, 25), cell_of(INFINITY, 0.5, 1, 7)};
@@ -189,6 +223,7 @@ END_TEST
 int main(void) {
     Suite *suite = suite_create("tune");
     TCase *tests = tcase_create("choose");
+    tcase_add_test(tests, in_words);
     tcase_add_test(tests, settings_of_paths);
     tcase_add_test(tests, least);
     tcase_add_test(tests, bounds);
