@@ -74,8 +74,7 @@ static bool take_float(const char *value, double min, double max, float *out) {
 
 /* on: that factor; off: 1; or a number. */
 static bool take_factor(const char *value, float on, float *out) {
-    static const char *const on_off[] = {"on", "off", NULL};
-    const int choice = cli_choice(value, on_off);
+    const int choice = cli_choice(value, cli_on_off);
     if (choice < 0)
         return take_float(value, 1, FACTOR_MAX, out);
     *out = choice == 0 ? on : 1;
@@ -84,8 +83,7 @@ static bool take_factor(const char *value, float on, float *out) {
 
 /* on: the picture's key light; off; or a direction. */
 static bool take_light(session_options *o, const char *value) {
-    static const char *const on_off[] = {"on", "off", NULL};
-    const int choice = cli_choice(value, on_off);
+    const int choice = cli_choice(value, cli_on_off);
     float *from = o->desc.weights.light_from;
     char rest = 0;
     o->light = choice != 1;
@@ -135,13 +133,38 @@ static bool take_places(session_options *o, const char *value) {
     return true;
 }
 
-/* What the value should have been; NULL: it was good. */
-static const char *take(session_options *o, int option, const char *value) {
+/* As take, of what has names. */
+static const char *take_named(session_options *o, int option, const char *value) {
     static const char *const stores[] = {"paged", "mapped", "resident", NULL};
     static const char *const prefetches[] = {"ahead", "neighbours", "off", NULL};
     static const char *const ios[] = {"uring", "pread", "sim", NULL};
-    static const char *const on_off[] = {"on", "off", NULL};
     int choice = 0;
+    switch (option) {
+    case SESSION_STORE:
+        if (!take_choice(value, stores, &choice))
+            return "--store: paged, mapped or resident";
+        o->desc.store = (mn_store_kind)choice;
+        return NULL;
+    case SESSION_DEGRADE:
+        if (!take_choice(value, cli_on_off, &choice))
+            return "--degrade: on or off";
+        o->desc.degrade_off = choice == 1;
+        return NULL;
+    case SESSION_IO:
+        if (!take_choice(value, ios, &choice))
+            return "--io: uring, pread or sim";
+        o->desc.io = (mn_io_kind)choice;
+        return NULL;
+    default:
+        if (!take_choice(value, prefetches, &choice))
+            return "--prefetch: ahead, neighbours or off";
+        o->desc.prefetch = (mn_prefetch)choice;
+        return NULL;
+    }
+}
+
+/* What the value should have been; NULL: it was good. */
+static const char *take(session_options *o, int option, const char *value) {
     uint64_t count = 0;
     switch (option) {
     case SESSION_PATH:
@@ -152,10 +175,10 @@ static const char *take(session_options *o, int option, const char *value) {
     case 'K':
         return take_places(o, value) ? NULL : "-K: a number of place holders, or min";
     case SESSION_STORE:
-        if (!take_choice(value, stores, &choice))
-            return "--store: paged, mapped or resident";
-        o->desc.store = (mn_store_kind)choice;
-        return NULL;
+    case SESSION_DEGRADE:
+    case SESSION_IO:
+    case SESSION_PREFETCH:
+        return take_named(o, option, value);
     case SESSION_TOLERANCE:
         return take_float(value, 1e-3, 1e6, &o->desc.tolerance_px)
                    ? NULL
@@ -183,21 +206,6 @@ static const char *take(session_options *o, int option, const char *value) {
     case SESSION_LIGHT:
     case SESSION_LIGHT_FACTOR:
         return take_weight(o, option, value);
-    case SESSION_DEGRADE:
-        if (!take_choice(value, on_off, &choice))
-            return "--degrade: on or off";
-        o->desc.degrade_off = choice == 1;
-        return NULL;
-    case SESSION_IO:
-        if (!take_choice(value, ios, &choice))
-            return "--io: uring, pread or sim";
-        o->desc.io = (mn_io_kind)choice;
-        return NULL;
-    case SESSION_PREFETCH:
-        if (!take_choice(value, prefetches, &choice))
-            return "--prefetch: ahead, neighbours or off";
-        o->desc.prefetch = (mn_prefetch)choice;
-        return NULL;
     case SESSION_TRACE:
         o->desc.trace_path = value;
         return NULL;
