@@ -28,6 +28,7 @@ typedef struct mni_grant {
     bool outside;    /* its block has no entry in the ancestor table */
     mni_notes notes; /* Navigate's alone */
     uint64_t asked_frame;
+    uint32_t attempt;       /* number of the last that asked for it; 0: of none */
     uint64_t absent_serial; /* OVERFLOW: answers "absent" in this run when it was handed over */
 } mni_grant;
 

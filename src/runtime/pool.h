@@ -34,10 +34,11 @@ typedef struct mni_report {
 
 /* The asks between two leaves: does Navigate's attempt wait, or is it refused? */
 typedef struct mni_attempt {
-    bool over;    /* something was given back: the next ask begins another */
-    bool absent;  /* a block of it is absent */
-    bool refused; /* the rules forbid a block of it */
-    int64_t room; /* when it began */
+    bool over;       /* something was given back: the next ask begins another */
+    bool absent;     /* a block of it is absent */
+    bool refused;    /* the rules forbid a block of it */
+    uint32_t number; /* from 1 */
+    int64_t room;    /* when it began, but for what it had been granted before */
 } mni_attempt;
 
 typedef struct mni_pool {

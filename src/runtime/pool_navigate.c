@@ -87,7 +87,27 @@ int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_us
 
 static void attempt_begins(mni_pool *pool, const mni_wish *wish) {
     if (pool->attempt.over)
-        pool->attempt = (mni_attempt){.room = mni_pool_room(pool, wish->table_count, wish->in_use)};
+        pool->attempt = (mni_attempt){.number = pool->attempt.number + 1,
+                                      .room = mni_pool_room(pool, wish->table_count, wish->in_use)};
+}
+
+/* The attempt asks for a block. What it had been granted before took room before it began; once it
+ * has been refused that is free again, and would allow it to begin anew, for ever. */
+static void attempt_asks(mni_pool *pool, uint32_t own) {
+    mni_grant *grant = &pool->grants.grant[own];
+    const bool packed = pool->header->blocking == MN_BLOCKING_PACKED;
+    if (grant->attempt == pool->attempt.number)
+        return;
+    pool->attempt.room += !grant->used && (grant->outside || !packed);
+    grant->attempt = pool->attempt.number;
+}
+
+static uint32_t attempt_grants(mni_pool *pool, const mni_wish *wish, uint32_t parent_id,
+                               bool outside) {
+    uint32_t own = mni_grants_add(&pool->grants, wish->ref, parent_id, wish->way, outside);
+    if (own != MNI_HASHMAP_NONE)
+        pool->grants.grant[own].attempt = pool->attempt.number;
+    return own;
 }
 
 static mni_answer answer_absent(mni_pool *pool) {
@@ -122,7 +142,7 @@ static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, u
     }
     if (own == MNI_HASHMAP_NONE) {
         bool outside = wish->way == MNI_WAY_OVERFLOW || (wish->way == MNI_WAY_DOWN && wish->adds);
-        own = mni_grants_add(&pool->grants, wish->ref, parent_id, wish->way, outside);
+        own = attempt_grants(pool, wish, parent_id, outside);
     }
     if (own != MNI_HASHMAP_NONE) { /* no room: asked again in the next frame */
         pool->grants.grant[own].asked_frame = pool->frame;
@@ -159,6 +179,8 @@ static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void 
     uint32_t slot = mni_hashmap_find(&pool->by_id, wish->ref.id);
     mni_holder *holder = slot == MNI_HASHMAP_NONE ? NULL : &pool->holders.holder[slot];
     bool down = wish->way == MNI_WAY_DOWN;
+    if (own != MNI_HASHMAP_NONE)
+        attempt_asks(pool, own);
     if (holder == NULL || !is_there(holder))
         return ask_for(pool, wish, slot, own, down ? urgent_lacks(pool, wish, own) : 0);
     if (holder->kind != MNI_FRAME_METANODE || holder->parent_id != wish->parent.id ||
@@ -248,6 +270,8 @@ static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const vo
     uint32_t own = mni_grants_find(&pool->grants, wish->ref.id);
     uint32_t slot = mni_hashmap_find(&pool->by_id, wish->ref.id);
     int64_t lacks = overflow_lacks(pool, wish, own);
+    if (own != MNI_HASHMAP_NONE)
+        attempt_asks(pool, own);
     if (slot == MNI_HASHMAP_NONE || !is_there(&pool->holders.holder[slot]))
         return ask_for(pool, wish, slot, own, lacks);
     mni_holder *holder = &pool->holders.holder[slot];
@@ -258,7 +282,7 @@ static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const vo
         return answer_refused(pool, wish, lacks);
     }
     if (own == MNI_HASHMAP_NONE)
-        own = mni_grants_add(&pool->grants, wish->ref, MN_NONE, MNI_WAY_OVERFLOW, true);
+        own = attempt_grants(pool, wish, MN_NONE, true);
     if (own == MNI_HASHMAP_NONE)
         return answer_absent(pool);
     mni_pool_rescue_locked(pool, slot);

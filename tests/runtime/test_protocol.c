@@ -197,6 +197,32 @@ START_TEST(a_refused_chain_lets_go) {
 }
 END_TEST
 
+/* Nor is it tried again: what is granted to an attempt takes room that is free once it is refused.
+ * Counted as room that others held, it allowed two chains to begin anew and to throw out each
+ * other's first block, for ever, under a camera that stood (stress: the Earth, 15 place holders).
+ */
+START_TEST(a_refused_chain_is_not_allowed_by_its_own_grants) {
+    open_pool();
+    mni_load load;
+    mni_command command = fetch(1);
+    ck_assert_int_eq(enter(1), MNI_ABSENT);
+    mni_pool_attempt_over(&pool);
+    next_frame();
+    step(&command, MNI_BEGIN_READ, &load);
+    finish(&command, &load);
+    command = fetch(1);
+    step(&command, MNI_BEGIN_RESIDENT, NULL);
+    in_use = 2; /* another block is */
+    ck_assert_int_eq(enter(1), MNI_GRANTED);
+    ck_assert_int_eq(enter(2), MNI_REFUSED);
+    mni_pool_leave(&pool, ref_of(1).id, true);
+    next_frame();
+    ck_assert_int_eq(mni_pool_room(&pool, 2, 2), 3);
+    ck_assert_int_eq(pool.refusal.need, 4);
+    close_pool();
+}
+END_TEST
+
 /* A block that has failed and then come is not known to be bad any more: if it fails again, that is
  * reported, and the waits begin anew. */
 START_TEST(a_block_that_comes_is_forgiven) {
@@ -266,6 +292,7 @@ int main(void) {
     tcase_add_test(tests, a_prefetch_of_the_past_is_given_up);
     tcase_add_test_raise_signal(tests, a_completion_of_the_past_is_a_bug, SIGABRT);
     tcase_add_test(tests, a_refused_chain_lets_go);
+    tcase_add_test(tests, a_refused_chain_is_not_allowed_by_its_own_grants);
     tcase_add_test(tests, reads_count_as_taken);
     tcase_add_test(tests, a_block_that_comes_is_forgiven);
     tcase_add_test(tests, what_is_granted_keeps_its_room);
