@@ -186,6 +186,24 @@ static mn_code open_path(replay *r, mn_status *st) {
     return code;
 }
 
+/* The session, which reads what the first camera wants; told apart, as it is before the frames. */
+static mn_code session_open(replay *r, mn_status *st) {
+    session_options *o = &r->options;
+    mn_session_stats stats;
+    mn_camera first;
+    mn_path_camera(r->path, 0, o->frames, &first);
+    mn_session_desc desc = o->desc;
+    desc.first_camera = &first;
+    const double from = cli_seconds(CLOCK_MONOTONIC);
+    mn_code code = mn_session_open(&desc, &r->session, st);
+    if (code != MN_OK)
+        return code;
+    mn_session_stats_get(r->session, &stats);
+    r->figures.start_reads = stats.reads;
+    r->figures.start_seconds = cli_seconds(CLOCK_MONOTONIC) - from;
+    return MN_OK;
+}
+
 static mn_code open_all(replay *r, mn_status *st) {
     session_options *o = &r->options;
     mn_code code = open_path(r, st);
@@ -195,7 +213,7 @@ static mn_code open_all(replay *r, mn_status *st) {
         return code;
     o->desc.base_bytes = sizeof *r + mn_path_bytes(r->path);
     o->desc.wide_front_over_wanted = !r->paced;
-    code = mn_session_open(&o->desc, &r->session, st);
+    code = session_open(r, st);
     if (code == MN_OK && r->csv_name != NULL)
         code = csv_open(r, st);
     if (code == MN_OK && (r->images_dir != NULL || r->compared))

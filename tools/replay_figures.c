@@ -143,6 +143,8 @@ static double mean_of(double sum, uint64_t frames) {
 }
 
 static void json_frames(json *j, const replay_figures *f) {
+    json_u64(j, "start_reads", f->start_reads);
+    json_f64(j, "start_seconds", f->start_seconds);
     json_u64(j, "opening_frames", f->opening_frames);
     json_u64(j, "opening_misses", f->opening_misses);
     json_u64(j, "opening_reads", f->opening_reads);
@@ -286,6 +288,7 @@ void figures_plan(const mn_plan *plan, uint32_t block_bytes_max, FILE *out) {
 
 void figures_table(const replay_figures *f, FILE *out) {
     const mn_session_stats *t = &f->totals;
+    fprintf(out, "start      %" PRIu64 " reads, %.3f s\n", f->start_reads, f->start_seconds);
     if (f->opening_frames > 0)
         fprintf(out, "opening    %" PRIu64 " frames, %" PRIu64 " reads, %.3f s\n",
                 f->opening_frames, f->opening_reads, f->opening_seconds);

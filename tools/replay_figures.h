@@ -37,6 +37,8 @@ typedef struct replay_figures {
     /* filled by the command at the end */
     uint64_t opening_frames, opening_misses, opening_reads; /* before the first frame */
     double opening_seconds;
+    uint64_t start_reads; /* while the session was opened */
+    double start_seconds;
     uint64_t settle_frames, foldovers, foldovers_legal, front_hash;
     uint64_t rss_peak_bytes, gl_rss_bytes, allocations_after_seal;
     bool settled, back_at_roots, has_gl, has_foldovers;

@@ -105,6 +105,10 @@ typedef struct mn_session_desc {
     bool wide_front_over_wanted;  /* resident: compute front_over_wanted each frame (slow) */
     bool closed; /* the caller knows that the input is closed and consistently oriented: checks
                     assert that each edge of each front is used equally often both ways */
+    /* That of the first frame; NULL: nobody knows it. With MN_PREFETCH_AHEAD open then reads, and
+     * waits for, what it wants of the tree, as far as there are places, in place of the top of the
+     * tree. Read at open only */
+    const mn_camera *first_camera;
     const char *trace_path; /* a file for what happens (metanode/trace.h); NULL: none. The plan
                                counts its memory */
     /* One line; NULL: silence. On the caller's thread: at open, and once for each bad block. */

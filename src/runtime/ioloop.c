@@ -18,8 +18,8 @@ enum {
     ACTS = 8,               /* blocks looked at before the disk is given more to read */
     FRUITLESS_MAX = 32,     /* EAGAIN and the like in a row, before a read has failed */
     PAUSE_NS = 1000 * 1000, /* when the kernel has no room for any read */
-    FIRST_READS_MAX =
-        512, /* of the top of the tree, while the session is opened: 4 MB of 8 KiB blocks */
+    FIRST_READS_MAX = 512,  /* while the session is opened, of the top of the tree, or of what may
+                               soon be wanted besides what is: 4 MB of 8 KiB blocks */
     THREAD_STACK_BYTES = 256 * 1024, /* checking a block's contents needs little */
 };
 #define SCOUT_URGENCY 0.25f /* of a block that is read while there are empty places */
@@ -31,7 +31,7 @@ static uint32_t seen_max(const mn_header *header, uint32_t k) {
 
 size_t mni_ioloop_need(const mn_header *header, uint32_t k, uint32_t look_bytes) {
     uint32_t refs_max = mni_frame_refs_max(header->block_bytes_max);
-    return mni_scouts_need() + mni_arena_need(look_bytes, 1, 64) +
+    return mni_scouts_need(k) + mni_arena_need(look_bytes, 1, 64) +
            mni_seen_need(seen_max(header, k)) +
            mni_arena_need(refs_max, sizeof(float), _Alignof(float)) +
            mni_arena_need(refs_max, sizeof(mni_notes), _Alignof(mni_notes));
@@ -41,7 +41,7 @@ void mni_ioloop_open(mni_ioloop *loop, uint32_t look_bytes, mni_arena *arena) {
     uint32_t k = loop->pool->holders.k;
     loop->first_reads = k / 2 < FIRST_READS_MAX ? k / 2 : FIRST_READS_MAX;
     loop->cpu_ns = UINT64_MAX;
-    mni_scouts_open(&loop->scouts, arena);
+    mni_scouts_open(&loop->scouts, k, arena);
     mni_seen_open(&loop->seen, seen_max(loop->header, k), arena);
     loop->look = mni_arena_take(arena, look_bytes, 1, 64);
     uint32_t refs_max = mni_frame_refs_max(loop->header->block_bytes_max);
@@ -120,13 +120,13 @@ static void scout_send(mni_ioloop *loop, const mni_load *load, uint32_t i, mni_c
 }
 
 /* To what the camera wants, and while there are empty places to what it may soon want, below a
- * block that has come and is still ours, or that is there and looked into. Before there is a
- * camera: to the top of the tree, level by level. */
+ * block that has come and is still ours, or that is there and looked into. Before the first frame
+ * in the end to all that is below it, level by level. */
 static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command *from) {
     if (loop->rate == NULL)
         return;
     (void)mni_board_look_get(loop->board, loop->look, &loop->looks);
-    bool starts = loop->looks == 0;
+    const bool starts = loop->looks == 0;
     mni_frame frame;
     mni_frame_get(load->bytes, &frame);
     const float least = load->last_empty ? 1 : SCOUT_URGENCY;
@@ -134,18 +134,17 @@ static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command
         loop->rate(loop->rate_context, loop->look, load->bytes, &from->notes, least, loop->urgency,
                    loop->below);
     for (uint32_t i = 0; i < frame.refs; i++) {
-        if (starts && loop->first_reads > 0) {
-            loop->first_reads--;
-            scout_send(loop, load, i,
-                       (mni_command){.places = MNI_PLACES_EMPTY, .due = from->due + 1},
-                       1 / (2.0f + (float)from->due));
-        } else if (!starts && loop->urgency[i] >= least) {
+        if (!starts && loop->urgency[i] >= least) {
             if (from->kind == MNI_COMMAND_LOOK &&
                 mni_pool_foresees(loop->pool, mni_frame_ref(load->bytes, i).id))
                 continue;
             mni_places places = loop->urgency[i] < 1 ? MNI_PLACES_EMPTY : MNI_PLACES_SPARE;
             scout_send(loop, load, i, (mni_command){.places = places, .notes = loop->below[i]},
                        loop->urgency[i]);
+        } else if (loop->looks <= loop->first_looks) {
+            scout_send(loop, load, i,
+                       (mni_command){.places = MNI_PLACES_EMPTY, .due = from->due + 1},
+                       SCOUT_URGENCY / (2.0f + (float)from->due));
         }
     }
 }
@@ -235,6 +234,22 @@ static uint32_t submit_all(mni_ioloop *loop) {
     return in_flight;
 }
 
+/* The most urgent scout. While the session is opened, what is not known to be wanted stops at
+ * first_reads. */
+static bool next_scout(mni_ioloop *loop, mni_command *out) {
+    while (mni_scouts_pop(&loop->scouts, out)) {
+        if (loop->looks > loop->first_looks || out->places != MNI_PLACES_EMPTY)
+            return true;
+        if (loop->first_reads > 0) {
+            loop->first_reads--;
+            return true;
+        }
+        loop->news.ended[out->kind][MNI_END_GIVEN_UP]++;
+        mni_command_trace_end(out, MNI_END_GIVEN_UP);
+    }
+    return false;
+}
+
 /* What Navigate has posted, then what the scouts have found; these leave some of the disk for what
  * Navigate posts meanwhile. */
 static bool next_command(mni_ioloop *loop, uint32_t depth, mni_command *out) {
@@ -248,7 +263,7 @@ static bool next_command(mni_ioloop *loop, uint32_t depth, mni_command *out) {
         *out = loop->fetched[loop->next++];
         return true;
     }
-    return loop->busy < depth - depth / 4 && mni_scouts_pop(&loop->scouts, out);
+    return loop->busy < depth - depth / 4 && next_scout(loop, out);
 }
 
 /* Takes a command as far as a read, or ends it. false: it waits for a place. */

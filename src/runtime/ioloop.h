@@ -54,7 +54,9 @@ typedef struct mni_ioloop {
     uint64_t cpu_ns;        /* of this thread, told so far; UINT64_MAX: it has none of its own */
     mni_seen seen;          /* blocks that have been checked */
     mni_scouts scouts;
-    uint32_t first_reads; /* that the scouts may still ask for before there is a camera */
+    uint32_t first_reads; /* that the scouts may still ask for before the first frame, besides
+                             what its camera wants where that is known */
+    uint32_t first_looks; /* posted before the first frame: 0 or 1 */
     unsigned char *look;  /* as last seen on the board */
     uint64_t looks;       /* 0: never */
     float *urgency;       /* of a block's references … */

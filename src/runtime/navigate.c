@@ -792,6 +792,13 @@ size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
            2 * mni_arena_need(whole_batches(nodes_max), sizeof(float), 64);
 }
 
+float mni_coordinate_max(const mn_header *header) {
+    float most = 0;
+    for (int i = 0; i < 3; i++)
+        most = fmaxf(most, fmaxf(fabsf(header->box_min[i]), fabsf(header->box_max[i])));
+    return most;
+}
+
 mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header *header,
                            uint32_t nodes_max, uint32_t simplices_max, mni_arena *arena,
                            mn_status *st) {
@@ -807,8 +814,6 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     nav->slot_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     mni_level_open(&nav->level);
     nav->level.settled = true;
-    for (int i = 0; i < 3; i++)
-        nav->coordinate_max =
-            fmaxf(nav->coordinate_max, fmaxf(fabsf(header->box_min[i]), fabsf(header->box_max[i])));
+    nav->coordinate_max = mni_coordinate_max(header);
     return mni_front_open(&nav->front, store, header, nodes_max, simplices_max, arena, st);
 }

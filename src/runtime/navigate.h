@@ -80,6 +80,8 @@ size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
 mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header *header,
                            uint32_t nodes_max, uint32_t simplices_max, mni_arena *arena,
                            mn_status *st);
+/* The model's largest, either way. */
+float mni_coordinate_max(const mn_header *header);
 /* One frame between mni_store_frame_begin and _end; work says what came of it. */
 void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tolerance_px);
 /* After mni_store_frame_end: the level of degrading for the next frame. reading: blocks are still

@@ -3,13 +3,19 @@
 
 #include "mn_assert.h"
 
-size_t mni_scouts_need(void) {
-    return mni_arena_need(MNI_SCOUTS_MAX, sizeof(mni_scout), _Alignof(mni_scout));
+/* As many as there are places for what they find. */
+static uint32_t most(uint32_t k) {
+    return k < MNI_SCOUTS_LEAST ? MNI_SCOUTS_LEAST : k < MNI_SCOUTS_MAX ? k : MNI_SCOUTS_MAX;
 }
 
-void mni_scouts_open(mni_scouts *scouts, mni_arena *arena) {
+size_t mni_scouts_need(uint32_t k) {
+    return mni_arena_need(most(k), sizeof(mni_scout), _Alignof(mni_scout));
+}
+
+void mni_scouts_open(mni_scouts *scouts, uint32_t k, mni_arena *arena) {
     *scouts = (mni_scouts){
-        .scout = mni_arena_take(arena, MNI_SCOUTS_MAX, sizeof(mni_scout), _Alignof(mni_scout))};
+        .scout = mni_arena_take(arena, most(k), sizeof(mni_scout), _Alignof(mni_scout)),
+        .max = most(k)};
 }
 
 static bool before(const mni_scout *a, const mni_scout *b) {
@@ -45,7 +51,7 @@ static uint32_t find_last(const mni_scouts *scouts) {
 
 bool mni_scouts_push(mni_scouts *scouts, const mni_command *command, float urgency) {
     mni_scout scout = {.command = *command, .urgency = urgency};
-    bool room = scouts->count < MNI_SCOUTS_MAX;
+    bool room = scouts->count < scouts->max;
     uint32_t at = room ? scouts->count++ : find_last(scouts);
     const bool stays = room || before(&scout, &scouts->scout[at]);
     if (!room)

@@ -13,7 +13,7 @@
 
 #include "board.h"
 
-enum { MNI_SCOUTS_MAX = 256 };
+enum { MNI_SCOUTS_LEAST = 64, MNI_SCOUTS_MAX = 1024 };
 
 typedef struct mni_scout {
     mni_command command;
@@ -22,11 +22,12 @@ typedef struct mni_scout {
 
 typedef struct mni_scouts {
     mni_scout *scout; /* a heap: the most urgent first, among equals the first in the file */
-    uint32_t count;
+    uint32_t count, max;
 } mni_scouts;
 
-size_t mni_scouts_need(void);
-void mni_scouts_open(mni_scouts *scouts, mni_arena *arena);
+/* k: place holders. */
+size_t mni_scouts_need(uint32_t k);
+void mni_scouts_open(mni_scouts *scouts, uint32_t k, mni_arena *arena);
 /* false: one had to go, this one or a less urgent one. */
 bool mni_scouts_push(mni_scouts *scouts, const mni_command *command, float urgency);
 bool mni_scouts_pop(mni_scouts *scouts, mni_command *out);

@@ -19,6 +19,7 @@
 #include "metanode/runtime.h"
 #include "navigate.h"
 #include "ram_plan.h"
+#include "rate.h"
 #include "trace.h"
 
 enum {
@@ -104,8 +105,29 @@ static mn_code trace_open(mn_session *s, mn_status *st) {
     return d->trace_path == NULL ? MN_OK : mni_trace_open(d->trace_path, &info, &s->trace, st);
 }
 
+static double model_size(const mn_header *header) {
+    double square = 0;
+    for (int i = 0; i < 3; i++) {
+        double side = (double)header->box_max[i] - (double)header->box_min[i];
+        square += side * side;
+    }
+    return sqrt(square) / 2;
+}
+
+/* What the first frame's camera sees. */
+static mni_look first_look(const mn_session *s, const mn_camera *camera) {
+    const mn_session_desc *d = &s->desc;
+    mni_look look = {.coordinate_max = mni_coordinate_max(&s->header)};
+    mni_lens_make(&look.now, camera, d->width_px, d->height_px, model_size(&s->header),
+                  s->tolerance_px, &d->weights);
+    look.ahead = look.now;
+    return look;
+}
+
 static mn_code store_open(mn_session *s, mn_status *st) {
     const mn_session_desc *d = &s->desc;
+    mni_look look;
+    mni_note note[MN_ROOTS_MAX];
     mni_store_desc store = {.path = d->path,
                             .header = &s->header,
                             .kind = d->store,
@@ -122,16 +144,14 @@ static mn_code store_open(mn_session *s, mn_status *st) {
                             .trace_io = ring_of(s, MN_TRACE_IO),
                             .warn = d->warn,
                             .warn_context = d->warn_context};
-    return mni_store_open(&store, &s->arena, &s->store, st);
-}
-
-static double model_size(const mn_header *header) {
-    double square = 0;
-    for (int i = 0; i < 3; i++) {
-        double side = (double)header->box_max[i] - (double)header->box_min[i];
-        square += side * side;
+    if (d->first_camera != NULL) {
+        look = first_look(s, d->first_camera);
+        for (uint32_t r = 0; r < s->header.roots; r++)
+            note[r] = mni_rate_note(s->header.root[r].subtree, s->header.root[r].position);
+        store.first_look = &look;
+        store.first_note = note;
     }
-    return sqrt(square) / 2;
+    return mni_store_open(&store, &s->arena, &s->store, st);
 }
 
 static mn_code parts_open(mn_session *s, mn_status *st) {
@@ -194,6 +214,7 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
         code = trace_open(s, st);
     if (code == MN_OK)
         code = parts_open(s, st);
+    s->desc.first_camera = NULL; /* the caller's, until now */
     if (code != MN_OK) {
         mn_session_close(s);
         return code;

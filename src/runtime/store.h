@@ -75,6 +75,10 @@ typedef struct mni_store_desc {
     mni_store_rate rate; /* NULL: what lies below a block that has come is not rated */
     const void *rate_context;
     uint32_t look_bytes;
+    /* What the first frame's camera sees, and a note on each root's block: what it wants is read at
+     * open. NULL: nobody knows. Both are used at open only. */
+    const void *first_look;
+    const mni_note *first_note;
     mni_trace_ring *trace_io; /* for what I/O does; NULL: none */
     void (*warn)(void *context, const char *text);
     void *warn_context;
@@ -89,9 +93,10 @@ enum { MNI_LOOK_BYTES_MAX = 1024 };
 /* Entries that the table will have: for arrays beside it. */
 uint32_t mni_store_entries_max(const mn_header *header, mn_store_kind kind, uint32_t k);
 
-/* Opens the file, starts the I/O thread, loads the root blocks and, with MN_PREFETCH_AHEAD, the top
- * of the tree (the one wait); otherwise asks for the roots' children. The arena must have
- * mni_store_need_bytes left. MN_BAD_INPUT: a root block is damaged, or is none. */
+/* Opens the file, starts the I/O thread, loads the root blocks and, with MN_PREFETCH_AHEAD, what
+ * the first camera wants or, where nobody knows it, the top of the tree (the one wait); otherwise
+ * asks for the roots' children. The arena must have mni_store_need_bytes left. MN_BAD_INPUT: a root
+ * block is damaged, or is none. */
 mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store **out,
                        mn_status *st);
 void mni_store_close(mni_store *store);

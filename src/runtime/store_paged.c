@@ -136,8 +136,11 @@ static mn_code load_roots(paged *p, mn_status *st) {
                 report(p, &reports[i]); /* of the top of the tree: the run goes on without */
         if (roots_are_there(p))
             return MN_OK;
-        for (uint32_t r = 0; r < header->roots; r++)
+        for (uint32_t r = 0; r < header->roots; r++) {
             mni_pool_ask_root(&p->pool, header->root[r].block);
+            if (p->desc.first_note != NULL)
+                mni_pool_note(&p->pool, header->root[r].block.id, &p->desc.first_note[r]);
+        }
         mni_pool_end_frame(&p->pool);
         drain(p);
     }
@@ -193,6 +196,10 @@ static mn_code open_paged(const mni_store_desc *desc, mni_arena *arena, void **o
             p->loop.rate_context = desc->rate_context;
         }
         mni_ioloop_open(&p->loop, desc->look_bytes, arena);
+        if (desc->first_look != NULL) {
+            mni_board_look(&p->board, desc->first_look);
+            p->loop.first_looks = 1;
+        }
         if (!p->disk.method->own_time)
             code = mni_ioloop_start(&p->loop, st);
         if (code == MN_OK)

@@ -187,6 +187,41 @@ START_TEST(opening) {
 }
 END_TEST
 
+/* A session that is told its first camera reads at open what that wants, on a disk that takes its
+ * time: the first frame begins with the roots, misses less, has more, and settles on the same. */
+START_TEST(first_camera) {
+    model m;
+    model_make(&m, (model_shape)_i, 2100, &blockings[_i % BLOCKINGS]);
+    mn_camera camera = model_camera(&m, 0.3, 1.5);
+    uint64_t hash[2], misses[2], adapt[2];
+    for (int told = 0; told < 2; told++) {
+        mn_session_desc desc = model_desc(&m);
+        desc.store = MN_STORE_PAGED;
+        desc.io = MN_IO_SIM;
+        desc.seed = 5;
+        desc.degrade_off = true;
+        desc.k = m.tree.leaves; /* room for all blocks: the top of the tree is half of that */
+        mn_camera first = camera;
+        desc.first_camera = told ? &first : NULL;
+        mn_session *s = model_open(&desc);
+        first.eye[0] = NAN; /* is the caller's again */
+        mn_frame_stats f = {0};
+        ck_assert(mn_session_at_roots(s));
+        mn_session_frame(s, &camera, &f);
+        misses[told] = f.misses;
+        adapt[told] = f.adapt;
+        ck_assert_uint_lt(mn_session_settle(s, &camera, ENOUGH), ENOUGH);
+        mn_session_frame(s, &camera, &f);
+        hash[told] = f.front_hash;
+        mn_session_close(s);
+    }
+    ck_assert_uint_le(misses[1], misses[0]);
+    ck_assert_uint_ge(adapt[1], adapt[0]);
+    ck_assert_uint_eq(hash[0], hash[1]);
+    model_free(&m);
+}
+END_TEST
+
 START_TEST(refusals) {
     model m;
     model_make(&m, MODEL_TORUS, 500, &blockings[0]);
@@ -295,6 +330,7 @@ int main(void) {
     tcase_add_loop_test(tc, image_and_foldovers, 0, MODEL_SHAPES);
     tcase_add_loop_test(tc, figures, 0, 2);
     tcase_add_loop_test(tc, opening, 0, MODEL_SHAPES);
+    tcase_add_loop_test(tc, first_camera, 0, MODEL_SHAPES);
     tcase_add_test(tc, refusals);
     tcase_add_loop_test(tc, lying_blocks, 0, MODEL_SHAPES);
     suite_add_tcase(suite, tc);

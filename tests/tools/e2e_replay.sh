@@ -15,7 +15,7 @@ replay_keys=(frames adapt_mean triangles_mean triangles_max front_over_wanted to
     nav_ms_p50 nav_ms_p99 nav_ms_max error_px_p50 error_px_p95 error_px_max reads read_bytes second_chances
     prefetches prefetches_given_up urgent_up urgent_down urgent_down_refused evictions k l block_bytes_max
     ram_cap_bytes ram_planned_bytes rss_peak_bytes gl_rss_bytes allocations_after_seal store
-    checksum_failures io_errors opening_frames opening_misses opening_reads opening_seconds nav_lock_waits nav_lock_wait_us_max io_lock_hold_us_max front_hash)
+    checksum_failures io_errors start_reads start_seconds opening_frames opening_misses opening_reads opening_seconds nav_lock_waits nav_lock_wait_us_max io_lock_hold_us_max front_hash)
 
 # build_model NAME: NAME-packed.mnt in blocks of 4 KiB, so that there are many, and NAME-levels.mnt.
 build_model() {
@@ -139,7 +139,7 @@ same_figures() {
         for run in first second; do
             expect 0 "repeat $io" replay "$model-packed.mnt" --path dive --frames 60 -K 12 --io "$io" --io-serial \
                 --seed 7 --fps 0 --settle --json --csv "$run.csv" || return 0
-            grep -vE '"(nav_ms|nav_cpu_ms|io_busy|io_cpu|rss|gl_rss|nav_lock|io_lock|opening_seconds)' "$out" >"$run.json"
+            grep -vE '"(nav_ms|nav_cpu_ms|io_busy|io_cpu|rss|gl_rss|nav_lock|io_lock|start_seconds|opening_seconds)' "$out" >"$run.json"
             awk -F, 'NR == 1 {for (i = 1; i <= NF; i++) if ($i == "nav_ms") c = i} {$c = ""; print}' "$run.csv" \
                 >"$run.rows"
         done
@@ -155,7 +155,7 @@ same_figures() {
 written_paths() {
     local file=$1 path every was
     local pool=(--io sim --io-serial -K 12 --fps 0 --settle --json) resident=(--store resident --json)
-    local times='"(nav_ms|nav_cpu_ms|rss|gl_rss|nav_lock|io_lock|ram_)'
+    local times='"(nav_ms|nav_cpu_ms|start_seconds|rss|gl_rss|nav_lock|io_lock|ram_)'
     for path in orbit dive flyover; do
         for every in 1 10; do
             expect 0 "$path written" replay "$file" --path "$path" --frames 61 --write-path "$path.$every.path" \
@@ -208,9 +208,9 @@ options() {
             --fps 0 --json $weight && holds "target: $weight: reached" "$(figures triangles_mean) > 1350"
     done
     expect 0 "frames" replay "$file" --path flyover --frames 7 --fps 0 --json && equal frames frames 7
-    expect 0 "from the roots" replay "$file" --path orbit --frames 9 --fps 0 --open roots --io-serial --json &&
+    expect 0 "from the roots" replay "$file" --path orbit --frames 9 --fps 0 --open roots --prefetch off --io-serial --json &&
         equal "from the roots" opening_frames 0 && holds "from the roots: misses" "$(figures misses) > 0"
-    expect 0 "settled" replay "$file" --path orbit --frames 9 --fps 0 --open settled --io-serial --json --csv settled.csv &&
+    expect 0 "settled" replay "$file" --path orbit --frames 9 --fps 0 --open settled --prefetch off --io-serial --json --csv settled.csv &&
         holds "settled: before the first frame" "$(figures opening_frames opening_misses opening_reads |
             paste -sd' ' | awk '{print ($1 > 1 && $2 > 0 && $3 > 0)}')" &&
         holds "settled: nothing is left to do" "$(awk -F, 'NR == 2 {print $1 + $2}' settled.csv) == 0"
