@@ -60,7 +60,8 @@ typedef struct mn_root {
 typedef struct mn_header {
     uint32_t version;
     uint64_t build_id; /* a hash of content and options, never of time */
-    uint64_t file_bytes;
+    uint64_t
+        file_bytes; /* blocks stand in it where their ids say; of compressed ones: would stand */
     uint64_t triangles; /* of the input: hinges are not triangles */
     uint32_t leaves;    /* used vertices */
     uint32_t nodes;     /* leaves + collapses; node order ids are [0, nodes) */
@@ -85,6 +86,10 @@ typedef struct mn_header {
     double fill_mean;             /* payload bytes / block_bytes_max, mean over blocks */
     uint32_t roots;
     mn_root root[MN_ROOTS_MAX];
+    uint32_t zstd_level; /* each block is compressed by itself; 0: none is, and the rest is 0 */
+    uint32_t extent_bytes_max; /* the longest as it is on the disk */
+    uint64_t stored_bytes;     /* the file as it is on the disk */
+    uint64_t extents_checksum; /* of the table that says where they stand */
 } mn_header;
 
 /* Reads and checks the header page of a .mnt. MN_BAD_INPUT names the field that lies.

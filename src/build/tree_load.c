@@ -10,13 +10,14 @@
  *
  * Order: mni_mnt_load alone. One thread; blocks on the disk. Memory: the tree, its simplices once
  * more, and two blocks. Paper: §3.2. */
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "mn_assert.h"
 #include "block.h"
-#include "file.h"
+#include "extents.h"
 #include "frame.h"
 #include "header.h"
 #include "tree.h"
@@ -42,7 +43,7 @@ typedef struct loader {
     mn_header header;
     mn_header found; /* the counts as they are in the blocks */
     mni_block_limits limits;
-    mni_in in;
+    mni_stored in;
     mn_tree *tree;
     mn_status *st;
     unsigned char *bytes, *overflow_bytes;
@@ -59,10 +60,14 @@ typedef struct loader {
     uint32_t root_order[MN_ROOTS_MAX];
 } loader;
 
+static uint64_t byte_of(const loader *l, uint32_t id) {
+    return mni_extents_find(&l->in.extents, (mn_block_ref){id, 1}).offset;
+}
+
 #define BAD(l, id, format, ...)                                                                    \
     mn_fail((l)->st, MN_BAD_INPUT,                                                                 \
             "%s: block %u (at byte %llu): " format "; the file is damaged: build it again",        \
-            (l)->path, id, (unsigned long long)(id)*MN_PAGE_BYTES, __VA_ARGS__)
+            (l)->path, id, (unsigned long long)byte_of(l, id), __VA_ARGS__)
 
 static bool grow(void **array, uint32_t needed, uint32_t *capacity, size_t size) {
     if (needed <= *capacity)
@@ -82,7 +87,9 @@ static mn_code no_memory(loader *l) {
 
 static mn_code read_block(loader *l, mn_block_ref place, unsigned char *bytes) {
     uint32_t length = place.pages * MN_PAGE_BYTES; /* in range: see where places are checked */
-    int64_t got = mni_in_read(&l->in, (uint64_t)place.id * MN_PAGE_BYTES, bytes, length);
+    int64_t got = mni_stored_read(&l->in, place, bytes);
+    if (got == -EBADMSG)
+        return BAD(l, place.id, "%s", "its extent is not that of a compressed block");
     if (got < 0)
         return mn_fail(l->st, MN_FAILED, "%s: block %u: cannot read: %s", l->path, place.id,
                        strerror((int)-got));
@@ -426,13 +433,13 @@ static mn_code finish(loader *l) {
 mn_code mni_mnt_load(const char *path, const mn_watch *watch, mn_tree *out, mn_header *header,
                      mn_status *st) {
     memset(out, 0, sizeof *out);
-    loader l = {.path = path, .tree = out, .in = {.fd = -1}};
+    loader l = {.path = path, .tree = out, .in = {.in = {.fd = -1}}};
     mn_status own = {0};
     l.st = st != NULL ? st : &own;
     mn_code code = mn_header_read(path, &l.header, l.st);
     const mn_header *h = &l.header;
     if (code == MN_OK)
-        code = mni_in_open(&l.in, path, l.st);
+        code = mni_stored_open(&l.in, path, h, l.st);
     if (code == MN_OK)
         code = mni_tree_alloc(out, h->leaves, h->roots, (uint32_t)h->triangles + h->hinges,
                               h->has_colors, l.st);
@@ -467,7 +474,7 @@ mn_code mni_mnt_load(const char *path, const mn_watch *watch, mn_tree *out, mn_h
     free(l.hi);
     free(l.task);
     free(l.exit);
-    mni_in_close(&l.in);
+    mni_stored_close(&l.in);
     if (code != MN_OK)
         mn_tree_free(out);
     return code;

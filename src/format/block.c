@@ -107,6 +107,20 @@ void mni_block_reopen(mni_block *view, const void *bytes) {
     mni_block_layout(view, (const uint8_t *)bytes + mni_frame_payload_at(frame.refs));
 }
 
+mni_rows_place mni_block_rows_place(const void *bytes) {
+    mni_frame frame;
+    mni_block view;
+    mni_frame_get(bytes, &frame);
+    if (frame.kind != MNI_FRAME_METANODE)
+        return (mni_rows_place){0};
+    mni_block_reopen(&view, bytes);
+    if (view.nodes < 8 || view.node_bits == 0 || view.node_bits > MNI_PLANES_BITS_MAX)
+        return (mni_rows_place){0};
+    return (mni_rows_place){.at = (uint32_t)(view.node_rows - (const uint8_t *)bytes),
+                            .groups = view.nodes / 8,
+                            .bits = view.node_bits};
+}
+
 /* ---- fields --------------------------------------------------------------------------------- */
 
 /* Field f of the row that begins at bit `row`, without its base. */

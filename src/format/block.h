@@ -26,6 +26,7 @@
 #include <stdint.h>
 
 #include "metanode/format.h"
+#include "planes.h"
 
 /* What decides about a node: all that its parent's block says of it. */
 typedef struct mni_facts {
@@ -125,6 +126,9 @@ mni_block_limits mni_block_limits_of(const mn_header *header);
  * O(block). */
 bool mni_block_open(mni_block *view, const void *bytes, uint32_t length_bytes,
                     const mni_block_limits *limits, char *why, uint32_t why_bytes);
+/* Where the rows of nodes stand, if they do, for who compresses the block: one of any kind that is
+ * sound. */
+mni_rows_place mni_block_rows_place(const void *bytes);
 /* As mni_block_open, of bytes that passed it before: decodes the head and checks nothing. O(1). */
 void mni_block_reopen(mni_block *view, const void *bytes);
 

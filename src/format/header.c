@@ -12,10 +12,11 @@
 
 #include "mn_assert.h"
 #include "block.h"
+#include "extents.h"
 #include "file.h"
 
 static const char magic[8] = {'M', 'N', 'T', 'R', 'E', 'E', '\r', '\n'};
-enum { FLAG_COLORS = 1 };
+enum { FLAG_COLORS = 1, FLAG_ZSTD = 2 };
 
 /* Little-endian, no padding; docs/format.md. */
 typedef struct page {
@@ -35,7 +36,9 @@ typedef struct page {
         uint32_t id, pages, subtree, color;
         float position[3];
     } root[MN_ROOTS_MAX];
-    uint8_t rest[312]; /* zero */
+    uint64_t stored_bytes, extents_checksum; /* these four 0 without FLAG_ZSTD */
+    uint32_t extent_bytes_max, zstd_level;
+    uint8_t rest[288]; /* zero */
 } page;
 _Static_assert(sizeof(page) == MN_PAGE_BYTES, "the header is one page");
 
@@ -55,7 +58,7 @@ void mni_header_encode(const mn_header *h, void *out) {
               .nodes = h->nodes,
               .hinges = h->hinges,
               .legal_last = h->legal_last,
-              .flags = h->has_colors ? FLAG_COLORS : 0,
+              .flags = (h->has_colors ? FLAG_COLORS : 0) | (h->zstd_level > 0 ? FLAG_ZSTD : 0),
               .metric = h->metric,
               .blocking = h->blocking,
               .l = h->l,
@@ -69,7 +72,11 @@ void mni_header_encode(const mn_header *h, void *out) {
               .nodes_per_block_max = h->nodes_per_block_max,
               .fill_mean = h->fill_mean,
               .roots = h->roots,
-              .grid_step = h->grid_step};
+              .grid_step = h->grid_step,
+              .stored_bytes = h->stored_bytes,
+              .extents_checksum = h->extents_checksum,
+              .extent_bytes_max = h->extent_bytes_max,
+              .zstd_level = h->zstd_level};
     memcpy(p.magic, magic, sizeof magic);
     memcpy(p.origin, h->origin, sizeof p.origin);
     memcpy(p.box_min, h->box_min, sizeof p.box_min);
@@ -107,12 +114,15 @@ static bool finite_all(const float *v, int n) {
 
 static mn_code check_counts(const mn_header *h, uint64_t file_bytes, const char *name,
                             mn_status *st) {
-    if (h->file_bytes != file_bytes)
+    if (mni_stored_bytes(h) != file_bytes)
         return mn_fail(st, MN_BAD_INPUT,
                        "%s: header: file_bytes is %" PRIu64 ", the file has %" PRIu64
                        ": copy it whole, or build it again",
-                       name, h->file_bytes, file_bytes);
+                       name, mni_stored_bytes(h), file_bytes);
     FIELD(file_bytes % MN_PAGE_BYTES == 0, "file_bytes", PRIu64, file_bytes);
+    file_bytes = h->file_bytes;
+    FIELD(file_bytes % MN_PAGE_BYTES == 0 && file_bytes / MN_PAGE_BYTES <= UINT32_MAX, "file_bytes",
+          PRIu64, file_bytes);
     FIELD(h->leaves >= 2 && h->leaves <= (1u << 31), "leaves", PRIu32, h->leaves);
     FIELD(h->roots >= 1 && h->roots <= MN_ROOTS_MAX && h->roots < h->leaves, "roots", PRIu32,
           h->roots);
@@ -156,6 +166,21 @@ static mn_code check_blocks(const mn_header *h, const char *name, mn_status *st)
     return MN_OK;
 }
 
+/* A page of the table for each 8 MiB of blocks, and a sector for each block, are there: so a file
+ * cannot make a reader take more memory than a few thousand times its own length. */
+static mn_code check_extents(const mn_header *h, const char *name, mn_status *st) {
+    if (h->zstd_level == 0)
+        return MN_OK;
+    FIELD(h->zstd_level <= MNI_ZSTD_LEVEL_MAX, "zstd_level", PRIu32, h->zstd_level);
+    FIELD(h->extent_bytes_max >= MNI_SECTOR_BYTES && h->extent_bytes_max % MNI_SECTOR_BYTES == 0 &&
+              h->extent_bytes_max <= h->block_bytes_max,
+          "extent_bytes_max", PRIu32, h->extent_bytes_max);
+    FIELD(h->stored_bytes >= mni_extents_begin(h->file_bytes / MN_PAGE_BYTES) +
+                                 (uint64_t)h->blocks * MNI_SECTOR_BYTES,
+          "stored_bytes", PRIu64, h->stored_bytes);
+    return MN_OK;
+}
+
 static mn_code check_places(const mn_header *h, const char *name, mn_status *st) {
     FIELD(isfinite(h->origin[0]) && isfinite(h->origin[1]) && isfinite(h->origin[2]), "origin", "g",
           h->origin[0]);
@@ -190,6 +215,8 @@ mn_code mni_header_check(const mn_header *h, uint64_t file_bytes, const char *na
     mn_code code = check_counts(h, file_bytes, name, st);
     if (code == MN_OK)
         code = check_blocks(h, name, st);
+    if (code == MN_OK)
+        code = check_extents(h, name, st);
     return code == MN_OK ? check_places(h, name, st) : code;
 }
 
@@ -216,7 +243,11 @@ static void fill(const page *p, mn_header *h) {
                      .nodes_per_block_max = p->nodes_per_block_max,
                      .fill_mean = p->fill_mean,
                      .roots = p->roots,
-                     .grid_step = p->grid_step};
+                     .grid_step = p->grid_step,
+                     .zstd_level = p->zstd_level,
+                     .extent_bytes_max = p->extent_bytes_max,
+                     .stored_bytes = p->stored_bytes,
+                     .extents_checksum = p->extents_checksum};
     memcpy(h->origin, p->origin, sizeof p->origin);
     memcpy(h->box_min, p->box_min, sizeof p->box_min);
     memcpy(h->box_max, p->box_max, sizeof p->box_max);
@@ -244,7 +275,8 @@ mn_code mni_header_decode(const void *bytes, uint64_t file_bytes, const char *na
                        "%s: header: version is %u, this program reads %d; build the file again",
                        name, p.version, MNI_MNT_VERSION);
     FIELD(p.header_bytes == MN_PAGE_BYTES, "header_bytes", PRIu32, p.header_bytes);
-    FIELD(p.flags <= FLAG_COLORS, "flags", PRIx32, p.flags);
+    FIELD(p.flags <= (FLAG_COLORS | FLAG_ZSTD), "flags", PRIx32, p.flags);
+    FIELD(((p.flags & FLAG_ZSTD) != 0) == (p.zstd_level != 0), "zstd_level", PRIu32, p.zstd_level);
     mn_header h;
     fill(&p, &h);
     mn_code code = mni_header_check(&h, file_bytes, name, st);

@@ -5,7 +5,12 @@
 
 #include "metanode/format.h"
 
-enum { MNI_MNT_VERSION = 3, MNI_MNT_OVERFLOW_BYTES = 65536, MNI_BLOCK_BYTES_MAX = 1 << 20 };
+enum {
+    MNI_MNT_VERSION = 3,
+    MNI_MNT_OVERFLOW_BYTES = 65536,
+    MNI_BLOCK_BYTES_MAX = 1 << 20,
+    MNI_ZSTD_LEVEL_MAX = 22,
+};
 
 /* Fills page[0, 4096), checksum included. The header must pass mni_header_check. */
 void mni_header_encode(const mn_header *header, void *page);

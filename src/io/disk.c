@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "mn_assert.h"
+#include "extents.h"
 #include "file.h"
 
 size_t mni_disk_need(void) {
@@ -23,6 +24,11 @@ static void warn(const mni_disk_desc *desc, const char *what, int error) {
         return;
     snprintf(text, sizeof text, "%s: %s (%s)", desc->path, what, strerror(error));
     desc->warn(desc->warn_context, text);
+}
+
+/* Does the device take sectors, and not whole pages only? */
+static bool takes_sectors(int fd, void *room) {
+    return pread(fd, room, MNI_SECTOR_BYTES, MNI_SECTOR_BYTES) == MNI_SECTOR_BYTES;
 }
 
 /* Some file systems take the flag and refuse the reads: so one page is read to see. */
@@ -71,7 +77,7 @@ mn_code mni_disk_open(mni_disk *disk, const mni_disk_desc *desc, mni_arena *aren
     mni_in plain;
     bool direct = false;
     MN_ASSERT(desc->chunks.all_bytes >= MN_PAGE_BYTES);
-    *disk = (mni_disk){.fd = -1};
+    *disk = (mni_disk){.fd = -1, .align_bytes = MNI_SECTOR_BYTES};
     mn_code code = mni_in_open(&plain, desc->path, st);
     if (code != MN_OK)
         return code;
@@ -89,6 +95,8 @@ mn_code mni_disk_open(mni_disk *disk, const mni_disk_desc *desc, mni_arena *aren
         if (direct) {
             mni_in_close(&plain);
             disk->fd = fd;
+            if (!takes_sectors(fd, desc->chunks.base))
+                disk->align_bytes = MN_PAGE_BYTES;
         } else {
             warn(desc, "the file system refuses O_DIRECT; reading through the page cache", errno);
             /* What is read ahead nobody would tell it to forget (the methods do, of their reads).

@@ -205,6 +205,16 @@ mn_code mni_out_write_at(mni_out *out, uint64_t offset, const void *bytes, size_
     return error == 0 ? MN_OK : write_failed(out, error, st);
 }
 
+int64_t mni_out_read(const mni_out *out, uint64_t offset, void *bytes, size_t count) {
+    const mni_in in = {.fd = out->fd};
+    return mni_in_read(&in, offset, bytes, count);
+}
+
+void mni_out_discard(mni_out *out, uint64_t from, uint64_t to) {
+    (void)fallocate(out->fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)from,
+                    (off_t)(to - from));
+}
+
 uint64_t mni_out_at(const mni_out *out) {
     return out->offset + out->tail_bytes;
 }

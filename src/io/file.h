@@ -48,6 +48,11 @@ mn_code mni_out_write(mni_out *out, const void *bytes, size_t count, mn_status *
 /* Writes over what stands at offset, or beyond the end; the place for appending stays. */
 mn_code mni_out_write_at(mni_out *out, uint64_t offset, const void *bytes, size_t count,
                          mn_status *st);
+/* Reads what has been written, as mni_in_read. */
+int64_t mni_out_read(const mni_out *out, uint64_t offset, void *bytes, size_t count);
+/* What stands in [from, to) is not needed any more: the disk has its room back, where the file
+ * system can do that; there are zeroes then. */
+void mni_out_discard(mni_out *out, uint64_t from, uint64_t to);
 /* Where the next append goes: the bytes appended so far. */
 uint64_t mni_out_at(const mni_out *out);
 /* Writes what is buffered, syncs, renames, syncs the directory. On failure nothing is left behind

@@ -118,6 +118,10 @@ void mni_frame_get(const void *bytes, mni_frame *out) {
                        .parent_id = get32(bytes, AT_PARENT_ID)};
 }
 
+uint32_t mni_frame_pages(const void *bytes) {
+    return get32(bytes, AT_PAGES);
+}
+
 mn_block_ref mni_frame_ref(const void *bytes, uint32_t index) {
     size_t at = MNI_FRAME_BYTES + (size_t)index * REF_BYTES;
     return (mn_block_ref){.id = get32(bytes, at), .pages = get32(bytes, at + 4)};

@@ -44,6 +44,9 @@ typedef enum mni_frame_fault {
 mni_frame_fault mni_frame_check(const void *bytes, mn_block_ref ref, uint64_t build_id,
                                 uint64_t file_bytes);
 const char *mni_frame_fault_text(mni_frame_fault fault);
+/* The length that a block claims for itself: bytes [0, MNI_FRAME_BYTES), which nobody has checked.
+ */
+uint32_t mni_frame_pages(const void *bytes);
 /* Of bytes that were checked. */
 void mni_frame_get(const void *bytes, mni_frame *out);
 mn_block_ref mni_frame_ref(const void *bytes, uint32_t index);

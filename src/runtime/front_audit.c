@@ -10,7 +10,7 @@
 #include <xxhash.h>
 
 #include "mn_assert.h"
-#include "file.h"
+#include "extents.h"
 #include "frame.h"
 #include "front.h"
 
@@ -105,27 +105,23 @@ static bool add_block(const void *bytes, uint32_t length_bytes, const mni_block_
 bool mni_front_input_is_closed(const char *path, const mn_header *header) {
     const mni_block_limits limits = mni_block_limits_of(header);
     unsigned char *bytes = aligned_alloc(MN_PAGE_BYTES, header->block_bytes_max);
-    mni_in file;
-    if (bytes == NULL || mni_in_open(&file, path, NULL) != MN_OK) {
+    mni_stored file;
+    if (bytes == NULL || mni_stored_open(&file, path, header, NULL) != MN_OK) {
         free(bytes);
         return false;
     }
     uint64_t sum = 0;
     bool sound = true;
-    for (uint64_t id = 1; sound && id < header->file_bytes / MN_PAGE_BYTES;) {
-        uint32_t pages = 0;
-        sound = mni_in_read(&file, id * MN_PAGE_BYTES, bytes, MN_PAGE_BYTES) == MN_PAGE_BYTES;
-        memcpy(&pages, bytes + 28, sizeof pages); /* frame.h: length / 4096 */
-        uint64_t length = (uint64_t)pages * MN_PAGE_BYTES;
-        sound = sound && pages > 0 && length <= header->block_bytes_max &&
-                mni_in_read(&file, id * MN_PAGE_BYTES, bytes, length) == (int64_t)length;
-        mn_block_ref ref = {(uint32_t)id, pages};
-        sound = sound &&
-                mni_frame_check(bytes, ref, header->build_id, header->file_bytes) == MNI_FRAME_OK;
-        sound = sound && add_block(bytes, (uint32_t)length, &limits, &sum);
-        id += pages;
+    for (uint32_t id = 1; sound && id < header->file_bytes / MN_PAGE_BYTES;) {
+        mn_block_ref ref = mni_stored_block(&file, id);
+        uint64_t length = (uint64_t)ref.pages * MN_PAGE_BYTES;
+        sound = length > 0 && length <= header->block_bytes_max &&
+                mni_stored_read(&file, ref, bytes) == (int64_t)length &&
+                mni_frame_check(bytes, ref, header->build_id, header->file_bytes) == MNI_FRAME_OK &&
+                add_block(bytes, (uint32_t)length, &limits, &sum);
+        id += ref.pages;
     }
-    mni_in_close(&file);
+    mni_stored_close(&file);
     free(bytes);
     return sound && sum == 0;
 }

@@ -22,6 +22,7 @@ enum {
                                soon be wanted besides what is: 4 MB of 8 KiB blocks */
     THREAD_STACK_BYTES = 256 * 1024, /* checking a block's contents needs little */
 };
+static const char NOT_UNPACKED[] = "its extent is not that of a compressed block";
 #define SCOUT_URGENCY 0.25f /* of a block that is read while there are empty places */
 
 /* So many blocks for each place holder, or all there are: 64 bytes for 8 KiB. */
@@ -104,6 +105,35 @@ static const char *fault_of(mni_ioloop *loop, const mni_load *load) {
     return NULL;
 }
 
+/* Where the block is read from, and to. length_bytes 0: it is nowhere. */
+static mni_read place_of(const mni_ioloop *loop, const mni_load *load, uint32_t tag) {
+    if (loop->extents == NULL)
+        return (mni_read){.offset = (uint64_t)load->ref.id * MN_PAGE_BYTES,
+                          .bytes = load->bytes,
+                          .length_bytes = load->ref.pages * MN_PAGE_BYTES,
+                          .chunk = load->chunk,
+                          .tag = tag};
+    const mni_extent extent = mni_extents_find(loop->extents, load->ref);
+    const uint64_t align = loop->extents->align_bytes, first = extent.offset / align * align,
+                   end = (extent.offset + extent.length_bytes + align - 1) / align * align;
+    return (mni_read){.offset = first,
+                      .bytes = loop->extents->slots + (size_t)tag * loop->extents->slot_bytes,
+                      .length_bytes = extent.length_bytes > 0 ? (uint32_t)(end - first) : 0,
+                      .tag = tag};
+}
+
+/* false: what has come is no extent of the block. */
+static bool unpack(mni_ioloop *loop, const mni_request *request) {
+    const mni_load *load = &request->load;
+    if (loop->extents == NULL)
+        return true;
+    const mni_extent extent = mni_extents_find(loop->extents, load->ref);
+    return mni_extents_unpack(loop->extents,
+                              (const unsigned char *)request->read.bytes +
+                                  (extent.offset - request->read.offset),
+                              extent.length_bytes, load->bytes, load->ref.pages * MN_PAGE_BYTES);
+}
+
 /* Sends a scout to reference i of a block that has come. */
 static void scout_send(mni_ioloop *loop, const mni_load *load, uint32_t i, mni_command command,
                        float urgency) {
@@ -150,7 +180,7 @@ static void scout_from(mni_ioloop *loop, const mni_load *load, const mni_command
 }
 
 static void complete(mni_ioloop *loop, mni_request *request) {
-    const char *why = fault_of(loop, &request->load);
+    const char *why = unpack(loop, request) ? fault_of(loop, &request->load) : NOT_UNPACKED;
     if (why != NULL) {
         fail(loop, request, false, why);
         return;
@@ -167,7 +197,7 @@ static void act(mni_ioloop *loop, const mni_done *done) {
     MN_ASSERT(done->tag < MNI_DISK_DEPTH);
     mni_request *request = &loop->request[done->tag];
     MN_ASSERT(request->state == MNI_REQUEST_IN_FLIGHT);
-    uint32_t length_bytes = request->load.ref.pages * MN_PAGE_BYTES;
+    const uint32_t length_bytes = request->read.length_bytes;
     request->state = MNI_REQUEST_AGAIN;
     MNI_TRACE(MN_TRACE_ARRIVED, done->result < 0, request->load.ref.id,
               (uint32_t)(done->result < 0 ? -done->result : done->result));
@@ -184,10 +214,11 @@ static void act(mni_ioloop *loop, const mni_done *done) {
         fail(loop, request, true, "the file ends before it");
         return;
     }
-    /* O_DIRECT goes on at whole pages only. */
+    /* O_DIRECT goes on at whole pages only, or sectors. */
     uint32_t fresh_bytes = (uint32_t)done->result;
     if (request->done_bytes + fresh_bytes < length_bytes)
-        fresh_bytes -= fresh_bytes % MN_PAGE_BYTES;
+        fresh_bytes -=
+            fresh_bytes % (loop->extents != NULL ? loop->extents->align_bytes : MN_PAGE_BYTES);
     request->done_bytes += fresh_bytes;
     request->fruitless = fresh_bytes > 0 ? 0 : request->fruitless + 1;
     if (request->done_bytes == length_bytes)
@@ -201,11 +232,10 @@ static void act(mni_ioloop *loop, const mni_done *done) {
 static bool submit(mni_ioloop *loop, uint32_t tag) {
     mni_request *request = &loop->request[tag];
     MN_ASSERT(request->state == MNI_REQUEST_AGAIN);
-    mni_read read = {.offset = (uint64_t)request->load.ref.id * MN_PAGE_BYTES + request->done_bytes,
-                     .bytes = request->load.bytes + request->done_bytes,
-                     .length_bytes = request->load.ref.pages * MN_PAGE_BYTES - request->done_bytes,
-                     .chunk = request->load.chunk,
-                     .tag = tag};
+    mni_read read = request->read;
+    read.offset += request->done_bytes;
+    read.bytes = (unsigned char *)read.bytes + request->done_bytes;
+    read.length_bytes -= request->done_bytes;
     if (!loop->disk->method->submit(loop->disk->self, &read))
         return false;
     MNI_TRACE(MN_TRACE_SUBMIT, 0, request->load.ref.id, read.length_bytes);
@@ -275,9 +305,13 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
         while (loop->request[tag].state != MNI_REQUEST_FREE)
             tag++;
         MN_ASSERT(tag < MNI_DISK_DEPTH);
-        loop->request[tag] =
-            (mni_request){.state = MNI_REQUEST_AGAIN, .command = *command, .load = load};
+        loop->request[tag] = (mni_request){.state = MNI_REQUEST_AGAIN,
+                                           .command = *command,
+                                           .load = load,
+                                           .read = place_of(loop, &load, tag)};
         busy_add(loop, 1);
+        if (loop->request[tag].read.length_bytes == 0)
+            fail(loop, &loop->request[tag], false, "no block begins there");
         return true;
     }
     case MNI_BEGIN_RESIDENT:
@@ -303,6 +337,8 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
 /* As many commands as the disk takes. */
 static void begin_all(mni_ioloop *loop) {
     uint32_t depth = loop->serial ? 1 : loop->disk->method->depth;
+    if (loop->extents != NULL && depth > loop->extents->slot_count)
+        depth = loop->extents->slot_count;
     mni_command command;
     while (loop->busy < depth && next_command(loop, depth, &command))
         if (!begin(loop, &command))
@@ -310,9 +346,9 @@ static void begin_all(mni_ioloop *loop) {
 }
 
 static void fetch(const mni_ioloop *loop, const mni_done *done) {
-    const mni_load *load = &loop->request[done->tag].load;
-    for (uint32_t at = 0; at < load->ref.pages * MN_PAGE_BYTES; at += 64)
-        __builtin_prefetch(load->bytes + at);
+    const mni_read *read = &loop->request[done->tag].read;
+    for (uint32_t at = 0; at < read->length_bytes; at += 64)
+        __builtin_prefetch((const unsigned char *)read->bytes + at);
 }
 
 /* What has come may have scouts, or places for those that wait; and the disk must not stand idle

@@ -11,6 +11,7 @@
 #include <pthread.h>
 
 #include "disk.h"
+#include "extents.h"
 #include "pool.h"
 #include "scout.h"
 #include "seen.h"
@@ -26,6 +27,7 @@ typedef struct mni_request {
     mni_request_state state;
     mni_command command;
     mni_load load;
+    mni_read read; /* all of it, as it began */
     uint32_t done_bytes;
     uint32_t fruitless; /* completions in a row that brought nothing */
 } mni_request;
@@ -35,6 +37,7 @@ typedef struct mni_ioloop {
     mni_pool *pool;
     mni_board *board;
     mni_disk *disk;
+    mni_extents *extents; /* blocks are compressed: read into a slot each, and unpacked; or NULL */
     const mn_header *header;
     mni_store_check check;
     const void *check_context;

@@ -1,7 +1,8 @@
 /* Stores `resident` and `mapped`: the whole file as one range of memory.
  *
- * Secret: a block's address is its offset. `resident` reads the file at start and checks every
- * block that the roots reach: a damaged inner block is absent for ever. `mapped` maps it and leaves
+ * Secret: a block's address is its offset. `resident` reads the file at start, unpacks what is
+ * compressed, and checks every block that the roots reach: a damaged inner block is absent for
+ * ever. `mapped` maps it and leaves
  * it to the operating system (the paper's Virt., with MADV_RANDOM so that only what is touched is
  * read); a block is checked when it comes into use, since the page cache may have let go of it in
  * between, and a damaged one is tried again after 1, 2, 4 … 64 frames. Nothing is ever refused.
@@ -20,6 +21,7 @@
 #include <sys/stat.h>
 
 #include "mn_assert.h"
+#include "extents.h"
 #include "failures.h"
 #include "file.h"
 #include "frame.h"
@@ -94,11 +96,11 @@ static mn_code open_file(flat *f, const mni_store_desc *desc, bool mapped, mn_st
     mn_code code = mni_in_open(&f->file, desc->path, st);
     if (code != MN_OK)
         return code;
-    if (f->file.size_bytes < f->header->file_bytes) {
+    if (f->file.size_bytes < mni_stored_bytes(f->header)) {
         mni_in_close(&f->file);
         return mn_fail(st, MN_BAD_INPUT, "%s: has %llu bytes of %llu; copy or build it again",
                        desc->path, (unsigned long long)f->file.size_bytes,
-                       (unsigned long long)f->header->file_bytes);
+                       (unsigned long long)mni_stored_bytes(f->header));
     }
     return MN_OK;
 }
@@ -124,6 +126,11 @@ static mn_code mapped_open(const mni_store_desc *desc, mni_arena *arena, void **
                            mn_status *st) {
     flat *f = mni_arena_take(arena, 1, sizeof *f, _Alignof(flat));
     mni_failures_open(&f->failures, arena);
+    if (desc->header->zstd_level > 0)
+        return mn_fail(st, MN_USAGE,
+                       "%s: its blocks are compressed, and a mapped file has them as they are: use "
+                       "another --store, or write them anew with metanode block, without --zstd",
+                       desc->path);
     mn_code code = open_file(f, desc, true, st);
     if (code != MN_OK)
         return code;
@@ -152,7 +159,8 @@ static size_t resident_need_bytes(const mn_header *header, uint32_t k) {
     return mni_arena_need(1, sizeof(flat), _Alignof(flat)) +
            mni_arena_need(header->file_bytes, 1, MN_PAGE_BYTES) +
            mni_arena_need(pages_of(header), 1, 1) +
-           mni_arena_need(header->blocks, sizeof(mn_block_ref), _Alignof(mn_block_ref));
+           mni_arena_need(header->blocks, sizeof(mn_block_ref), _Alignof(mn_block_ref)) +
+           mni_extents_need(header, 1);
 }
 
 /* Pages that cannot be read stay zero: no block begins like that. */
@@ -168,6 +176,23 @@ static void read_range(flat *f, unsigned char *base, uint64_t from, uint64_t cou
     for (uint64_t page = 0; count > MN_PAGE_BYTES && page < count; page += MN_PAGE_BYTES)
         if (mni_in_read(&f->file, from + page, base + from + page, MN_PAGE_BYTES) < 0)
             memset(base + from + page, 0, MN_PAGE_BYTES);
+}
+
+/* The file as it would be if nothing were compressed. What cannot be read or unpacked stays zero.
+ */
+static mn_code unpack_all(flat *f, unsigned char *base, mni_arena *arena, mn_status *st) {
+    mni_extents extents;
+    mn_code code = mni_extents_open(&extents, f->desc.path, f->header, 1, arena, st);
+    mn_block_ref ref = {0};
+    while (code == MN_OK && (ref = mni_extents_next(&extents, ref.id + ref.pages)).pages > 0) {
+        unsigned char *bytes = base + (uint64_t)ref.id * MN_PAGE_BYTES;
+        const int64_t got = mni_extents_read(&extents, &f->file, ref, bytes, &f->stats.read_bytes);
+        f->stats.reads++;
+        f->stats.io_errors += got < 0 && got != -EBADMSG;
+        if (got < 0)
+            memset(bytes, 0, (size_t)ref.pages * MN_PAGE_BYTES);
+    }
+    return code;
 }
 
 /* Walks the blocks from the roots and marks the sound ones. A file that has more blocks than its
@@ -215,12 +240,16 @@ static mn_code resident_open(const mni_store_desc *desc, mni_arena *arena, void 
     mn_code code = open_file(f, desc, false, st);
     if (code != MN_OK)
         return code;
-    for (uint64_t from = 0; from < header->file_bytes; from += READ_BYTES) {
+    if (header->zstd_level > 0)
+        code = unpack_all(f, base, arena, st);
+    for (uint64_t from = 0; header->zstd_level == 0 && from < header->file_bytes;
+         from += READ_BYTES) {
         uint64_t left = header->file_bytes - from;
         read_range(f, base, from, left < READ_BYTES ? left : READ_BYTES);
     }
     f->base = base;
-    code = mark_sound(f, queue, st);
+    if (code == MN_OK)
+        code = mark_sound(f, queue, st);
     if (code != MN_OK)
         flat_close(f);
     else

@@ -19,6 +19,8 @@ enum {
     ROOT_FRAMES_MAX = 256,       /* frames in which a root block that fails is tried: 8 times */
     WARNINGS_MAX = 8,            /* lines on bad blocks; after that they are only counted */
     NS_PER_FRAME_FREE = 1000000, /* virtual time of a frame when frames take none */
+    SLOT_HOLDERS = 8,            /* place holders for each slot of a compressed file's, … */
+    SLOTS_MIN = 4,               /* … so that its extents take a ninth of the room at most */
 };
 
 typedef struct paged {
@@ -33,12 +35,24 @@ typedef struct paged {
     mni_board board;
     mni_pool pool;
     mni_ioloop loop;
+    mni_extents extents; /* Navigate opens, I/O reads */
 } paged;
+
+static bool compressed(const mn_header *header) {
+    return header->zstd_level > 0;
+}
+
+/* As many as the disk takes reads, or as are in proportion. */
+static uint32_t slots_for(uint32_t k) {
+    const uint32_t fit = k / SLOT_HOLDERS;
+    return fit > MNI_DISK_DEPTH ? MNI_DISK_DEPTH : fit < SLOTS_MIN ? SLOTS_MIN : fit;
+}
 
 static size_t need_bytes(const mn_header *header, uint32_t k) {
     return mni_arena_need(1, sizeof(paged), _Alignof(paged)) + mni_pool_need(header, k) +
            mni_board_need(k, mni_pool_prefetches_max(k), MNI_LOOK_BYTES_MAX) +
-           mni_ioloop_need(header, k, MNI_LOOK_BYTES_MAX) + mni_disk_need();
+           mni_ioloop_need(header, k, MNI_LOOK_BYTES_MAX) + mni_disk_need() +
+           mni_extents_need(header, slots_for(k));
 }
 
 static uint32_t entries_max(const mn_header *header, uint32_t k) {
@@ -157,6 +171,19 @@ static void close_paged(void *self) {
     mni_board_close(&p->board);
 }
 
+/* Place holders, or the slots for extents: what is read into is registered with the kernel. */
+static mni_chunks read_into(const paged *p) {
+    const mni_holders *holders = &p->pool.holders;
+    const mni_extents *extents = &p->extents;
+    if (compressed(p->desc.header)) {
+        return (mni_chunks){extents->slots, extents->slots_bytes, extents->slots_bytes, 1};
+    }
+    return (mni_chunks){.base = holders->bytes,
+                        .chunk_bytes = (size_t)holders->chunk_holders * holders->holder_bytes,
+                        .all_bytes = (size_t)holders->k * holders->holder_bytes,
+                        .count = holders->chunks};
+}
+
 static mn_code open_paged(const mni_store_desc *desc, mni_arena *arena, void **out, mn_status *st) {
     const mn_header *header = desc->header;
     uint32_t k_min = mni_store_k_min(header);
@@ -168,24 +195,24 @@ static mn_code open_paged(const mni_store_desc *desc, mni_arena *arena, void **o
     MN_ASSERT(desc->look_bytes <= MNI_LOOK_BYTES_MAX);
     mni_board_open(&p->board, desc->k, mni_pool_prefetches_max(desc->k), desc->look_bytes, arena);
     mni_pool_open(&p->pool, desc, &p->board, arena);
-    const mni_holders *holders = &p->pool.holders;
-    mni_disk_desc disk = {
-        .path = desc->path,
-        .kind = desc->io,
-        .file_bytes = header->file_bytes,
-        .chunks = {.base = holders->bytes,
-                   .chunk_bytes = (size_t)holders->chunk_holders * holders->holder_bytes,
-                   .all_bytes = (size_t)holders->k * holders->holder_bytes,
-                   .count = holders->chunks},
-        .seed = desc->seed,
-        .sim = desc->sim,
-        .warn = desc->warn,
-        .warn_context = desc->warn_context};
-    mn_code code = mni_disk_open(&p->disk, &disk, arena, st);
+    mn_code code = mni_extents_open(&p->extents, desc->path, header, slots_for(desc->k), arena, st);
+    mni_disk_desc disk = {.path = desc->path,
+                          .kind = desc->io,
+                          .file_bytes = mni_stored_bytes(header),
+                          .chunks = read_into(p),
+                          .seed = desc->seed,
+                          .sim = desc->sim,
+                          .warn = desc->warn,
+                          .warn_context = desc->warn_context};
+    if (code == MN_OK)
+        code = mni_disk_open(&p->disk, &disk, arena, st);
+    if (code == MN_OK && compressed(header))
+        mni_extents_align(&p->extents, p->disk.align_bytes);
     if (code == MN_OK) {
         p->loop = (mni_ioloop){.pool = &p->pool,
                                .board = &p->board,
                                .disk = &p->disk,
+                               .extents = compressed(header) ? &p->extents : NULL,
                                .header = header,
                                .check = desc->check,
                                .check_context = desc->check_context,
@@ -289,7 +316,8 @@ static bool shrink(void *self, uint32_t table_count) {
     const mni_holders *holders = &p->pool.holders;
     size_t chunk_bytes = (size_t)holders->chunk_holders * holders->holder_bytes;
     size_t left = (size_t)holders->k * holders->holder_bytes - chunk * chunk_bytes;
-    (void)p->disk.method->chunk(p->disk.self, chunk, false);
+    if (!compressed(p->desc.header))
+        (void)p->disk.method->chunk(p->disk.self, chunk, false);
     (void)madvise(holders->bytes + chunk * chunk_bytes, left < chunk_bytes ? left : chunk_bytes,
                   MADV_DONTNEED);
     return true;
@@ -300,7 +328,8 @@ static bool grow(void *self) {
     uint32_t chunk;
     if (!mni_pool_retired(&p->pool, &chunk))
         return false;
-    (void)p->disk.method->chunk(p->disk.self, chunk, true); /* before anything is read into it */
+    if (!compressed(p->desc.header)) /* before anything is read into it */
+        (void)p->disk.method->chunk(p->disk.self, chunk, true);
     mni_pool_grow(&p->pool, chunk);
     return true;
 }
