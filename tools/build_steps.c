@@ -16,12 +16,15 @@ static const char *const reader_names[] = {"own", "openmesh", NULL};    /* by mn
 
 /* ---- options -------------------------------------------------------------------------------- */
 
-enum { MMAP_BYTES = 16 << 10 }; /* what takes more is given back as soon as it is freed */
+enum {
+    MMAP_BYTES = 16 << 10, /* what takes more is given back as soon as it is freed */
+    ZSTD_LEVEL = 3,        /* of --zstd alone: zstd's own default */
+};
 
 /* As they stand on the command line. */
 typedef struct words {
     const char *out, *temp_dir;
-    uint64_t ram_bytes, work_bytes, position_bits, threads, levels, block_bytes;
+    uint64_t ram_bytes, work_bytes, position_bits, threads, levels, block_bytes, zstd_level;
     int metric, weld, reader, blocking;
     bool resume, json;
 } words;
@@ -42,6 +45,13 @@ static mn_code read_words(words *w, int argc, char **argv, unsigned steps, const
         CLI_CHOICE("blocking", &w->blocking, blocking_names, "packed or levels"),
         CLI_SIZE("block-bytes", &w->block_bytes, MN_PAGE_BYTES, 1 << 20,
                  "a multiple of 4096 up to 1M"),
+        {.name = "zstd",
+         .kind = CLI_IS_WHOLE,
+         .to = &w->zstd_level,
+         .min = 1,
+         .max = 22,
+         .bare = ZSTD_LEVEL,
+         .wants = "in 1 … 22"},
         {.name = "levels",
          .letter = 'L',
          .kind = CLI_IS_WHOLE,
@@ -121,6 +131,7 @@ static void take_words(build_steps *b, const words *w) {
     b->block = (mn_block_desc){.blocking = (mn_blocking)w->blocking,
                                .l = (uint32_t)w->levels,
                                .block_bytes = (uint32_t)w->block_bytes,
+                               .zstd_level = (uint32_t)w->zstd_level,
                                .ram_bytes = b->ram_bytes,
                                .threads = b->simplify.threads,
                                .progress = progress,

@@ -72,7 +72,10 @@ static bool take_value(const cli_flag *flag) {
         *(const char **)flag->to = optarg;
         break;
     case CLI_IS_WHOLE:
-        good = cli_u64(optarg, flag->min, flag->max, flag->to);
+        if (optarg == NULL)
+            *(uint64_t *)flag->to = flag->bare;
+        else
+            good = cli_u64(optarg, flag->min, flag->max, flag->to);
         break;
     case CLI_IS_SIZE:
         good = cli_size(optarg, &size) && size >= flag->min && size <= flag->max;
@@ -98,7 +101,9 @@ mn_code cli_flags(int argc, char **argv, const cli_flag *flags, const char *help
     int count = 0, found, length = snprintf(letters, sizeof letters, "%c", HELP);
     for (; flags[count].name != NULL; count++) {
         const cli_flag *flag = &flags[count];
-        const int argument = flag->kind == CLI_IS_SWITCH ? no_argument : required_argument;
+        const int argument = flag->kind == CLI_IS_SWITCH ? no_argument
+                             : flag->bare != 0           ? optional_argument
+                                                         : required_argument;
         options[count] = (struct option){flag->name, argument, NULL, FIRST + count};
         if (flag->letter != 0)
             length += snprintf(letters + length, sizeof letters - (size_t)length, "%c%s",

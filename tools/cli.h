@@ -57,6 +57,7 @@ typedef struct cli_flag {
     void *to;
     uint64_t min, max;
     const char *const *names;
+    uint64_t bare;     /* CLI_IS_WHOLE: what it is without a value; 0: it must have one */
     const char *wants; /* what a bad value is not: "on or off" */
     int *given;        /* counts how often it is given; NULL: nobody asks */
 } cli_flag;

@@ -12,6 +12,9 @@ static const char help[] =
     "  --blocking packed|levels   blocks of fixed bytes, filled (default), or of L levels\n"
     "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 8K\n"
     "  -L N                  levels: 1 … 16, default 5\n"
+    "  --zstd[=LEVEL]        compress each block by itself, 1 … 22 (3): the file and its reads\n"
+    "                        are smaller, reading takes more of the processor; not for\n"
+    "                        --store mapped\n"
     "  --json                figures as one JSON object\n";
 
 int cmd_block(int argc, char **argv) {

@@ -22,6 +22,10 @@ static void json_floats(json *j, const char *key, const float *v) {
     json_vector(j, key, (double[3]){v[0], v[1], v[2]});
 }
 
+static uint64_t disk_bytes(const mn_header *h) {
+    return h->zstd_level > 0 ? h->stored_bytes : h->file_bytes;
+}
+
 static void header_json(const mn_header *h) {
     char id[24];
     json j;
@@ -44,8 +48,10 @@ static void header_json(const mn_header *h) {
     json_u64(&j, "overflow_max", h->overflow_max);
     json_u64(&j, "children_max", h->children_max);
     json_u64(&j, "nodes_per_block_max", h->nodes_per_block_max);
-    json_u64(&j, "file_bytes", h->file_bytes);
-    json_f64(&j, "bytes_per_vertex", (double)h->file_bytes / h->leaves);
+    json_u64(&j, "file_bytes", disk_bytes(h));
+    json_f64(&j, "bytes_per_vertex", (double)disk_bytes(h) / h->leaves);
+    json_u64(&j, "zstd_level", h->zstd_level);
+    json_u64(&j, "blocks_bytes", h->file_bytes);
     json_u64(&j, "l", h->l);
     json_u64(&j, "block_bytes", h->block_bytes);
     json_str(&j, "metric", build_metric_name(h->metric));
@@ -78,8 +84,12 @@ static void header_text(const char *file, const mn_header *h) {
            h->origin[2]);
     printf("  grid of %g: no point further off than %g\n", (double)h->grid_step,
            (double)mn_grid_error(h->grid_step));
-    printf("  %llu bytes, %.1f a vertex\n", (unsigned long long)h->file_bytes,
-           (double)h->file_bytes / h->leaves);
+    printf("  %llu bytes, %.1f a vertex\n", (unsigned long long)disk_bytes(h),
+           (double)disk_bytes(h) / h->leaves);
+    if (h->zstd_level > 0)
+        printf("  compressed, zstd level %u: %.1f %% of %llu bytes; the longest block to %u\n",
+               h->zstd_level, 100.0 * (double)disk_bytes(h) / (double)h->file_bytes,
+               (unsigned long long)h->file_bytes, h->extent_bytes_max);
 }
 
 static mn_code info_vdt(const char *file, bool as_json, mn_status *st) {

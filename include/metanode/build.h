@@ -213,6 +213,7 @@ typedef struct mn_block_desc {
     mn_blocking blocking; /* default packed */
     uint32_t l;           /* levels only; 0: 5; 1 … 16 */
     uint32_t block_bytes; /* packed only; 0: 8192; a multiple of 4096 in 4096 … 1 MiB */
+    uint32_t zstd_level;  /* 0: blocks stand as they are; 1 … 22: each is compressed by itself */
     uint64_t ram_bytes;   /* of a tree on disk: what the process may take; 0: 64 MiB. Decides how
                              often the tree is read, never what is written */
     uint32_t threads;     /* 0: 1; of more than 2, 2 are used. The same bytes for any */

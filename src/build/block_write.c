@@ -23,6 +23,7 @@
 #include <xxhash.h>
 
 #include "mn_assert.h"
+#include "block_press.h"
 #include "block_rows.h"
 #include "block_send.h"
 #include "clock.h"
@@ -46,7 +47,7 @@ typedef struct writer {
     mni_plan plan;
     mni_packer *packer; /* NULL: levels */
     mn_header *header;
-    mni_out out;
+    mni_out *out;
     uint64_t pages; /* given away so far: of the file */
     uint64_t payload_bytes, nodes;
     pending *stack;
@@ -367,7 +368,7 @@ static mn_code write_header(writer *w, const char *path) {
     if (code != MN_OK)
         return code;
     mni_header_encode(h, page);
-    return mni_out_write_at(&w->out, 0, page, sizeof page, w->plan.st);
+    return mni_out_write_at(w->out, 0, page, sizeof page, w->plan.st);
 }
 
 static void close_writer(writer *w) {
@@ -383,28 +384,27 @@ static void close_writer(writer *w) {
     free(w->piece);
     free(w->piece_node);
     free(w->piece_place);
-    mni_out_abort(&w->out);
     mni_plan_close(&w->plan);
 }
 
+/* All but the commit: the file is in *out. */
 static mn_code write_file(const char *path, const mn_tree *head, mni_rows *rows, uint64_t build_id,
-                          const mn_block_desc *desc, mn_header *header, mn_status *st) {
-    writer w = {.header = header, .out = {.fd = -1}, .pages = 1};
+                          const mn_block_desc *desc, mn_header *header, mni_out *out,
+                          mn_status *st) {
+    writer w = {.header = header, .out = out, .pages = 1};
     mn_code code = mni_plan_open(&w.plan, head, rows, desc, st);
     if (code == MN_OK && desc->blocking == MN_BLOCKING_PACKED)
         code = mni_packer_open(&w.packer, &w.plan);
     if (code == MN_OK)
-        code = mni_out_open(&w.out, path, st);
+        code = mni_out_open(out, path, st);
     if (code == MN_OK) {
         begin_header(&w, build_id);
-        code = mni_sender_open(&w.sender, &w.plan, &w.out, header, desc->threads, st);
+        code = mni_sender_open(&w.sender, &w.plan, out, header, desc->threads, st);
     }
     if (code == MN_OK)
         code = write_blocks(&w);
     if (code == MN_OK)
         code = write_header(&w, path);
-    if (code == MN_OK)
-        code = mni_out_commit(&w.out, st);
     close_writer(&w);
     return code;
 }
@@ -435,6 +435,8 @@ mn_code mni_block_desc_check(const mn_tree *tree, mn_block_desc *desc, mn_status
     if (desc->block_bytes % MN_PAGE_BYTES != 0 || desc->block_bytes > MNI_BLOCK_BYTES_MAX)
         return mn_fail(st, MN_USAGE, "blocks of %u bytes: a multiple of 4096 up to 1M is needed",
                        desc->block_bytes);
+    if (desc->zstd_level > MNI_ZSTD_LEVEL_MAX)
+        return mn_fail(st, MN_USAGE, "zstd's levels are 1 to %d", MNI_ZSTD_LEVEL_MAX);
     if (tree->grid_step == 0)
         return mn_fail(st, MN_USAGE, "positions are on no grid: simplify them on one");
     if (tree->roots > MN_ROOTS_MAX)
@@ -455,6 +457,8 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
     mn_header scratch;
     mni_rows rows;
     mn_status why = {0};
+    mn_block_counts count = {0};
+    mni_out out = {.fd = -1};
     double started_s = mni_now_s();
     header = header != NULL ? header : &scratch;
     memset(header, 0, sizeof *header);
@@ -464,13 +468,19 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
     if (code == MN_OK)
         code = mni_rows_open(&rows, source, cache_bytes(checked.ram_bytes), &why);
     if (code == MN_OK) {
-        code = write_file(path, head, &rows, build_id, &checked, header, &why);
-        if (code == MN_OK && counts != NULL)
-            *counts = (mn_block_counts){.seconds_block = mni_now_s() - started_s,
-                                        .bytes_read = rows.bytes_read,
-                                        .bytes_written = header->file_bytes};
+        code = write_file(path, head, &rows, build_id, &checked, header, &out, &why);
+        count.bytes_read = rows.bytes_read;
         mni_rows_close(&rows);
     }
+    count.bytes_written = header->file_bytes;
+    if (code == MN_OK && checked.zstd_level > 0)
+        code = mni_block_press(&out, path, &checked, header, &count, &why);
+    if (code == MN_OK)
+        code = mni_out_commit(&out, &why);
+    mni_out_abort(&out);
+    count.seconds_block = mni_now_s() - started_s;
+    if (code == MN_OK && counts != NULL)
+        *counts = count;
     if (code == MN_BAD_INPUT && source->name != NULL)
         return mn_fail(st, code, "%s: %s; the file is damaged: simplify again", source->name,
                        why.text);

@@ -30,6 +30,41 @@ for options in "--blocking levels -L 3" "--block-bytes 4K" "--block-bytes 64K"; 
     expect 0 block a.vdt -o c.mnt $options
     expect 0 verify c.mnt --against in.ply
 done
+# --- compressed: the same tree, in fewer bytes, the same ones each time
+for options in "" "--blocking levels -L 3" "--block-bytes 64K"; do
+    # shellcheck disable=SC2086 # options are words
+    expect 0 block a.vdt -o c.mnt $options
+    # shellcheck disable=SC2086
+    expect 0 build in.ply -o z.mnt --zstd $options --ram 16M
+    # shellcheck disable=SC2086
+    expect 0 block a.vdt -o y.mnt --zstd=3 $options -j 2
+    cmp -s z.mnt y.mnt || fail "$options: compressed by build and by block differ"
+    expect 0 verify z.mnt --against in.ply
+    expect 0 extract c.mnt --error 0.01 -o x.ply
+    expect 0 extract z.mnt --error 0.01 -o y.ply
+    cmp -s x.ply y.ply || fail "$options: the compressed file's mesh is another"
+    # shellcheck disable=SC2086
+    expect 0 block z.mnt -o y.mnt $options
+    cmp -s c.mnt y.mnt || fail "$options: unpacked again it is another"
+    [ "$(wc -c <z.mnt)" -le "$(($(wc -c <c.mnt) + 4096))" ] || # the table takes a page
+        fail "$options: compressed takes more"
+    for store in "paged -K min --io pread" "paged -K min" "resident"; do
+        # shellcheck disable=SC2086
+        expect 0 replay z.mnt --path orbit --frames 5 --settle --barrier --json --store $store
+        grep -q '"back_at_roots": true' out.txt || fail "$options $store: not back at the roots"
+        grep -q '"allocations_after_seal": 0' out.txt || fail "$options $store: it allocates"
+    done
+    expect 2 replay z.mnt --path orbit --frames 5 --store mapped
+    says 'without --zstd'
+done
+expect 0 info z.mnt
+grep -q 'compressed, zstd level 3: ' out.txt || fail "info of a compressed file: $(cat out.txt)"
+expect 0 info z.mnt --json
+grep -q '"zstd_level": 3' out.txt || fail "info --json of a compressed file: $(cat out.txt)"
+for level in 0 23 x; do
+    expect 2 block a.vdt -o z.mnt --zstd=$level
+    says '1 … 22'
+done
 expect 0 verify a.vdt --against in.ply --json
 expect 0 verify a.vdt
 grep -q '^a.vdt: sound: [0-9]* nodes' out.txt || fail "verify of a .vdt: $(cat out.txt)"
