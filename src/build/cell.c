@@ -5,7 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "freeze.h"
 #include "mn_assert.h"
+
+static const mni_frozen_table no_hubs;
 
 /* ---- opening -------------------------------------------------------------------------------- */
 
@@ -13,11 +16,18 @@ static mn_code no_memory(uint32_t vertices, mn_status *st) {
     return mn_fail(st, MN_FAILED, "out of memory for a cell of %u vertices", vertices);
 }
 
+static mni_cell_desc with_hubs(const mni_cell_desc *desc) {
+    mni_cell_desc with = *desc;
+    with.frozen = desc->frozen != NULL ? desc->frozen : &no_hubs;
+    return with;
+}
+
 /* Room for all but the witnesses' points. */
 static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, uint32_t hinges,
                          mn_status *st) {
     mni_simplifier *s = &cell->s;
     cell->vertices = vertices;
+    MN_ASSERT(cell->first_hub <= vertices);
     cell->triangles = triangles;
     cell->simplices = triangles + hinges;
     s->desc.metric = cell->desc.metric;
@@ -55,8 +65,11 @@ static void place_simplex(mni_cell *cell, uint32_t x, const uint32_t v[3],
 
 /* ---- as dealt ------------------------------------------------------------------------------- */
 
-/* The cell's own vertices first, then ghosts. */
-static uint32_t stand_in_hand(const mni_hand *h, uint32_t id) {
+/* The cell's own vertices first, then ghosts, then hubs. */
+static uint32_t stand_in_hand(const mni_cell *cell, const mni_hand *h, uint32_t id) {
+    uint32_t hub = mni_frozen_find(cell->desc.frozen, id);
+    if (hub != MN_NONE)
+        return cell->first_hub + hub;
     if (id - h->first < h->vertices)
         return id - h->first;
     uint32_t low = 0, high = h->ghosts;
@@ -71,17 +84,30 @@ static uint32_t stand_in_hand(const mni_hand *h, uint32_t id) {
     return h->vertices + low;
 }
 
+/* A hub's own place among the vertices stays empty. */
+static void place_hubs(mni_cell *cell, const mni_hand *h) {
+    for (uint32_t i = 0; i < cell->desc.frozen->count; i++) {
+        const mni_wire_vertex *hub = &cell->desc.frozen->hub[i].is;
+        place_vertex(cell, cell->first_hub + i, hub->id, hub->p);
+        if (hub->id - h->first < h->vertices) {
+            cell->s.surface.vertex[hub->id - h->first].node = MN_NONE;
+            cell->s.part.closed[hub->id - h->first] = 0;
+        }
+    }
+}
+
 static void load_hand(mni_cell *cell, const mni_hand *h) {
     for (uint32_t v = 0; v < h->vertices; v++)
         place_vertex(cell, v, h->first + v, h->position[v]);
     for (uint32_t g = 0; g < h->ghosts; g++)
         place_vertex(cell, h->vertices + g, h->ghost[g].id, h->ghost[g].position);
+    place_hubs(cell, h);
     for (uint32_t t = 0; t < h->triangles; t++) {
         uint32_t v[3];
         bool crosses = false;
         for (int c = 0; c < 3; c++) {
-            v[c] = stand_in_hand(h, h->triangle[t].corner[c]);
-            crosses |= v[c] >= h->vertices;
+            v[c] = stand_in_hand(cell, h, h->triangle[t].corner[c]);
+            crosses |= v[c] >= h->vertices && v[c] < cell->first_hub;
         }
         for (int c = 0; c < 3 && crosses; c++)
             cell->s.part.closed[v[c]] = 0;
@@ -89,10 +115,71 @@ static void load_hand(mni_cell *cell, const mni_hand *h) {
     }
 }
 
+/* Whether a simplex at these vertices is the cell's. */
+static bool belongs(const mni_cell *cell, const uint32_t v[3]) {
+    uint32_t least = MN_NONE;
+    for (uint32_t c = 0; c < 3 && v[c] != MN_NONE; c++)
+        if (v[c] < cell->first_hub &&
+            (least == MN_NONE || cell->node[v[c]].id < cell->node[least].id))
+            least = v[c];
+    return least == MN_NONE || least < cell->own;
+}
+
+/* Of hub h's triangles, those that are the cell's; of its edges, those to the cell's vertices. */
+static void sum_up_hub(mni_cell *cell, uint32_t h, mni_wire_vertex *leaf) {
+    mni_surface *s = &cell->s.surface;
+    mni_vertex *vertex = &s->vertex[h];
+    uint32_t count, points = 0;
+    bool qem = cell->desc.metric == MN_METRIC_QEM;
+    const uint32_t *fan = mni_surface_fan(s, h, &count);
+    vertex->xx = vertex->xy = vertex->xz = vertex->yy = vertex->yz = vertex->zz = 0;
+    *leaf = (mni_wire_vertex){.id = cell->node[h].id, .leaves = count};
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t *c = s->simplex[fan[i]].v;
+        if (!belongs(cell, c))
+            continue;
+        if (qem)
+            mni_quadric_add_triangle(s, h, fan[i]);
+        for (int x = 0; c[0] == h && points < MNI_WITNESSES && x < 3; x++) {
+            float *to = x == 0 ? leaf->points.x : x == 1 ? leaf->points.y : leaf->points.z;
+            to[points] = (s->vertex[c[0]].p[x] + s->vertex[c[1]].p[x] + s->vertex[c[2]].p[x]) / 3;
+        }
+        points += c[0] == h && points < MNI_WITNESSES;
+    }
+    for (uint32_t i = points; i < MNI_WITNESSES; i++)
+        leaf->points.slack[i] = -1;
+    mni_judge_ring(&cell->s.judge, s, h);
+    for (uint32_t i = 0; i < cell->s.judge.ring_count && qem; i++)
+        if (cell->s.judge.around[i] < cell->own && cell->s.judge.ring[i].triangles == 1)
+            mni_quadric_wall(s, h, cell->s.judge.around[i]);
+    const double quadric[] = {0,          vertex->xx, vertex->yy, vertex->zz, vertex->xy,
+                              vertex->xz, vertex->yz, 0,          0,          0};
+    memcpy(leaf->quadric, quadric, sizeof leaf->quadric);
+    leaf->bounds = mni_leaf_bounds(s, cell->s.judge.normal, h);
+}
+
+static mn_code freeze_hubs(mni_cell *cell, mn_status *st) {
+    for (uint32_t v = cell->first_hub; v < cell->vertices; v++)
+        if (!mni_freeze(&cell->s, v, cell->desc.frozen->hub[v - cell->first_hub].around))
+            return no_memory(cell->vertices, st);
+    return MN_OK;
+}
+
+static mn_code sum_up_hubs(mni_cell *cell, mn_status *st) {
+    uint32_t hubs = cell->vertices - cell->first_hub;
+    cell->hub_leaf = malloc(((size_t)hubs + 1) * sizeof *cell->hub_leaf);
+    if (cell->hub_leaf == NULL)
+        return no_memory(cell->vertices, st);
+    for (uint32_t i = 0; i < hubs; i++)
+        sum_up_hub(cell, cell->first_hub + i, &cell->hub_leaf[i]);
+    return MN_OK;
+}
+
 mn_code mni_cell_open_dealt(mni_cell *cell, const mni_cell_desc *desc, const mni_hand *h,
                             mn_status *st) {
-    uint32_t vertices = h->vertices + h->ghosts;
-    *cell = (mni_cell){.desc = *desc, .own = h->vertices};
+    *cell = (mni_cell){.desc = with_hubs(desc), .own = h->vertices};
+    uint32_t vertices = h->vertices + h->ghosts + cell->desc.frozen->count;
+    cell->first_hub = h->vertices + h->ghosts;
     mn_code code = take_room(cell, vertices, h->triangles, 0, st);
     if (code == MN_OK)
         code = mni_witness_room(&cell->s.witness, vertices, vertices / 2, h->triangles, st);
@@ -104,8 +191,11 @@ mn_code mni_cell_open_dealt(mni_cell *cell, const mni_cell_desc *desc, const mni
     mni_witness_fill(&cell->s.witness, &cell->s.surface);
     for (uint32_t v = 0; v < cell->own; v++)
         cell->node[v].bounds = mni_leaf_bounds(&cell->s.surface, cell->s.judge.normal, v);
+    code = freeze_hubs(cell, st);
+    if (code != MN_OK)
+        return code;
     mni_simplify_look(&cell->s);
-    return MN_OK;
+    return sum_up_hubs(cell, st);
 }
 
 /* ---- as taken ------------------------------------------------------------------------------- */
@@ -114,7 +204,8 @@ mn_code mni_cell_open_dealt(mni_cell *cell, const mni_cell_desc *desc, const mni
 typedef struct places {
     uint32_t *id; /* by vertex */
     uint32_t *at; /* index; MN_NONE: free */
-    uint32_t mask;
+    uint32_t mask, count;
+    const mni_frozen_table *frozen;
 } places;
 
 static uint32_t place_hash(uint32_t id) {
@@ -130,18 +221,26 @@ static uint32_t place_of(const places *p, uint32_t id) {
     }
 }
 
+/* The same, of a vertex or a hub. */
+static uint32_t place_of_corner(const places *p, uint32_t id) {
+    uint32_t at = place_of(p, id), hub = at == MN_NONE ? mni_frozen_find(p->frozen, id) : MN_NONE;
+    return hub == MN_NONE ? at : p->count + hub;
+}
+
 static void places_close(places *p) {
     free(p->id);
     free(p->at);
 }
 
-static bool places_open(places *p, uint32_t count) {
+static bool places_open(places *p, uint32_t count, const mni_frozen_table *frozen) {
     uint32_t room = 64;
     while (room < 2 * count)
         room *= 2;
     *p = (places){.id = malloc(((size_t)count + 1) * sizeof *p->id),
                   .at = malloc(room * sizeof *p->at),
-                  .mask = room - 1};
+                  .mask = room - 1,
+                  .count = count,
+                  .frozen = frozen};
     if (p->id == NULL || p->at == NULL)
         return false;
     memset(p->at, 0xff, room * sizeof *p->at);
@@ -194,7 +293,7 @@ typedef enum kind { TRIANGLE, HINGE, PASSING, KINDS } kind;
 static kind stand(const places *p, const mni_wire_simplex *x, uint32_t v[3]) {
     bool inside = true, hinge = x->v[2] == MN_NONE;
     for (int c = 0; c < 3; c++) {
-        v[c] = x->v[c] == MN_NONE ? MN_NONE : place_of(p, x->v[c]);
+        v[c] = x->v[c] == MN_NONE ? MN_NONE : place_of_corner(p, x->v[c]);
         inside &= v[c] != MN_NONE || (hinge && c == 2);
     }
     return !inside ? PASSING : hinge ? HINGE : TRIANGLE;
@@ -295,9 +394,23 @@ static void load_vertices(mni_cell *cell, const mni_crate *crate, const places *
     }
 }
 
+/* Behind all others. Where they are carried they are as open as any, but nobody's. */
+static void load_hubs(mni_cell *cell) {
+    uint32_t hubs = cell->desc.frozen->count;
+    for (uint32_t i = 0; i < hubs; i++) {
+        uint32_t v = cell->vertices - hubs + i;
+        load_vertex(cell, v, &cell->desc.frozen->hub[i].is);
+        cell->s.surface.vertex[v].node = v;
+        if (cell->desc.carries)
+            cell->s.part.closed[v] = MNI_HEAP_KEY_NONE;
+    }
+}
+
 static mn_code load_crate(mni_cell *cell, const mni_crate *crate, places *p, float step,
                           mn_status *st) {
-    uint32_t count[KINDS] = {0, 0, 0}, n = crate->vertices, leaves = n - crate->nodes;
+    uint32_t count[KINDS] = {0, 0, 0}, hubs = cell->desc.frozen->count;
+    uint32_t n = crate->vertices + hubs, leaves = crate->vertices - crate->nodes;
+    uint32_t points = crate->points + MNI_WITNESSES * hubs;
     load_ids(p, crate);
     each_simplex(cell, crate, p, step, count, NULL);
     cell->passing_count = count[PASSING];
@@ -305,22 +418,25 @@ static mn_code load_crate(mni_cell *cell, const mni_crate *crate, places *p, flo
     mn_code code = cell->passing != NULL ? take_room(cell, n, count[TRIANGLE], count[HINGE], st)
                                          : no_memory(n, st);
     if (code == MN_OK)
-        code = mni_witness_room(&cell->s.witness, n, n - leaves + leaves / 2, crate->points, st);
+        code = mni_witness_room(&cell->s.witness, n, n - leaves + leaves / 2, points, st);
     if (code != MN_OK)
         return code;
     uint32_t at[KINDS] = {0, cell->triangles, 0};
     load_vertices(cell, crate, p, step);
+    load_hubs(cell);
     each_simplex(cell, crate, p, step, at, load_simplex);
     mni_surface_index(&cell->s.surface);
-    return MN_OK;
+    return freeze_hubs(cell, st);
 }
 
 mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, const mni_crate *crate,
                             float step, mn_status *st) {
     places p;
-    *cell = (mni_cell){.desc = *desc, .own = crate->vertices};
-    mn_code code = places_open(&p, crate->vertices) ? load_crate(cell, crate, &p, step, st)
-                                                    : no_memory(crate->vertices, st);
+    uint32_t n = crate->vertices;
+    *cell = (mni_cell){.desc = with_hubs(desc)};
+    cell->own = cell->first_hub = n + (desc->whole ? cell->desc.frozen->count : 0);
+    mn_code code = places_open(&p, n, cell->desc.frozen) ? load_crate(cell, crate, &p, step, st)
+                                                         : no_memory(n, st);
     places_close(&p);
     return code;
 }
@@ -381,7 +497,7 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
         endless |= isinf(c->bounds.radius);
     }
     /* A vertex's node from now on. */
-    for (uint32_t v = 0; v < cell->own; v++) {
+    for (uint32_t v = 0; v < cell->vertices; v++) {
         uint32_t n = vertex[v].node;
         if (n == MN_NONE || n < m)
             continue;
@@ -493,11 +609,9 @@ static void leaf_points(const mni_witness_book *book, uint32_t v, mni_witnesses 
     }
 }
 
-bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out) {
+static void record_of(const mni_cell *cell, uint32_t v, mni_wire_vertex *out) {
     const mni_vertex *from = &cell->s.surface.vertex[v];
     const mni_cell_node *n = &cell->node[v];
-    if (v >= cell->own || from->node == MN_NONE)
-        return false;
     *out = (mni_wire_vertex){.id = n->id,
                              .node = from->node < cell->vertices
                                          ? n->node
@@ -516,24 +630,38 @@ bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out) {
         leaf_points(&cell->s.witness, v, &out->points);
     else
         out->points = cell->s.witness.sets[from->set];
+}
+
+bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out) {
+    if (v >= cell->own || cell->s.surface.vertex[v].node == MN_NONE)
+        return false;
+    record_of(cell, v, out);
     return true;
+}
+
+void mni_cell_tell_hubs(const mni_cell *cell, mni_frozen_table *to) {
+    for (uint32_t v = cell->first_hub, i = 0; v < cell->vertices; v++, i++) {
+        if (cell->hub_leaf != NULL && cell->hub_leaf[i].leaves > 0)
+            mni_frozen_add(&to->hub[i], &cell->hub_leaf[i]);
+        if (cell->desc.carries)
+            record_of(cell, v, &to->hub[i].is);
+        mni_frozen_raise(&to->hub[i], cell->s.surface.vertex[v].value,
+                         mni_hubs_of(&cell->s.hubs, v)->key);
+    }
 }
 
 bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out) {
     const mni_surface *s = &cell->s.surface;
     const uint32_t *v = s->simplex[x].v;
-    uint32_t least = 0;
     *out = (mni_wire_simplex){.v[2] = MN_NONE};
     for (uint32_t c = 0; c < 3 && v[c] != MN_NONE; c++) {
         out->v[c] = cell->node[v[c]].id;
         memcpy(out->p[c], s->vertex[v[c]].p, sizeof out->p[c]);
-        if (out->v[c] < out->v[least])
-            least = c;
     }
     memcpy(out->origin, &s->origin[3 * (size_t)x], sizeof out->origin);
     if (x < cell->triangles)
         memcpy(out->normal, &cell->s.judge.normal[3 * (size_t)x], sizeof out->normal);
-    return v[least] < cell->own;
+    return belongs(cell, v);
 }
 
 enum { SMALL_BYTES = 192 << 10 }; /* scratch, and what is lost in pages that are not full */
@@ -564,6 +692,7 @@ void mni_cell_close(mni_cell *cell) {
     mni_simplify_close(&cell->s);
     free(cell->node);
     free(cell->passing);
+    free(cell->hub_leaf);
     mni_cell_forget(cell);
     *cell = (mni_cell){0};
 }

@@ -4,7 +4,8 @@
  * of it, and simplices. A cell is the vertices that lie next to each other on a curve through
  * space, with the simplices among them. A vertex with a neighbour in another cell is at the border,
  * and stays as it is; the next round cuts the curve elsewhere. A simplex between cells passes
- * through that of its first corner.
+ * through that of its first corner. Hubs that are frozen (frozen.h) stand in every cell, behind its
+ * vertices, and are nobody's: only the last cell, which has all that is left, makes them its own.
  *
  *     open_dealt or open_taken ── run ── number ── what is left: vertex, simplex … ── close
  *
@@ -15,6 +16,7 @@
 #define MNI_CELL_H
 
 #include "deal.h"
+#include "frozen.h"
 #include "simplify.h"
 #include "tiles.h"
 #include "wire.h"
@@ -36,6 +38,8 @@ typedef struct mni_cell_desc {
     int stage;   /* otherwise: this one, 1 … 4; whole begins with it */
     float slack; /* stages 1 to 3: by which factor, from 1 on, a collapse may cost more than one
                     beside it that has to wait; INFINITY: none waits but for what is not here */
+    const mni_frozen_table *frozen; /* NULL: none; does not change while cells are opened */
+    bool carries; /* what hubs come to here is what they are from now on: cells one by one */
     mni_poll poll;
 } mni_cell_desc;
 
@@ -58,6 +62,8 @@ typedef struct mni_cell {
     mni_simplifier s;
     mni_cell_node *node;
     uint32_t vertices, own;        /* own: those of the cell, first; behind them ghosts */
+    uint32_t first_hub;            /* and behind them hubs, in the table's order */
+    mni_wire_vertex *hub_leaf;     /* dealt: of each hub, what the cell's triangles make of it */
     uint32_t triangles, simplices; /* that were there from the start */
     mni_cell_passing *passing;
     uint32_t passing_count;
@@ -86,11 +92,13 @@ void mni_cell_forget(mni_cell *cell);
 /* What is left of vertex v: its record but for its reach. False: nothing, or it is a ghost. */
 bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out);
 /* Simplex x of cell->s.surface, which is there still: its record but for its reach. False: it is
- * another cell's, which is that of its vertex with the least id. */
+ * another cell's, which is that of its vertex with the least id, hubs apart. */
 bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out);
+/* What frozen hubs have come to in a cell that has been given its numbers. */
+void mni_cell_tell_hubs(const mni_cell *cell, mni_frozen_table *to);
 void mni_cell_close(mni_cell *cell); /* harmless on a closed one */
 /* Bytes that a cell takes at its peak, what it is opened from included: parcels of so many bytes;
- * a hand. */
+ * a hand. Hubs count as vertices. */
 uint64_t mni_cell_bytes(uint64_t vertices, uint64_t simplices, uint64_t parcels);
 uint64_t mni_cell_dealt_bytes(uint64_t vertices, uint64_t triangles);
 

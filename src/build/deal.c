@@ -9,9 +9,18 @@
 
 #include "mn_assert.h"
 #include "exttriangles.h"
+#include "heavy.h"
 #include "wire.h"
 
 enum { BUFFERS = 2, SORTS = 4 };
+
+/* Triangles for which there is a counter of hubs. Numbers that cross are counted there, a few in a
+ * hundred of a surface's: a fan falls short by some tens of triangles. Where all of them cross, by
+ * 3 × 4,096. */
+enum { TRIANGLES_A_COUNTER = 4096, COUNTERS_MIN = 256 };
+/* Where a cell has more than this times the triangles of a hub, it may be that each of several fans
+ * is not too large, but all of them are: less makes a hub there, by this part. */
+enum { CROWDED = 5, CROWDED_PART = 8 };
 
 /* What a cell will be dealt, its own vertices apart. */
 typedef struct tally {
@@ -49,6 +58,11 @@ struct mni_deal {
     size_t buffer_bytes;
     uint64_t bytes_read, bytes_written; /* by sorts that are closed */
     tally *of_cell;
+    mni_ghost *hub; /* by id */
+    uint32_t hubs;
+    /* while hubs are looked for */
+    mni_heavy heavy;
+    uint32_t *fan; /* of the vertices of the cell that the file is at */
 };
 
 static uint32_t cell_start(const mni_deal *d, uint32_t c) {
@@ -102,40 +116,94 @@ static mn_code spill_state(const mni_spill *spill, mn_status *st) {
 
 /* ---- what crosses --------------------------------------------------------------------------- */
 
+static bool is_hub(const mni_deal *d, uint32_t id) {
+    uint32_t low = 0, high = d->hubs;
+    while (low < high) {
+        uint32_t middle = low + (high - low) / 2;
+        if (d->hub[middle].id < id)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < d->hubs && d->hub[low].id == id;
+}
+
+/* The cells that a triangle is dealt to: those of its corners, hubs apart; where all are hubs, the
+ * one where it lies in the file. Returns how many; which corners a cell may lack. */
+static uint32_t cells_of(const mni_deal *d, const uint32_t v[3], uint32_t own, uint32_t cell[3],
+                         bool lacked[3]) {
+    uint32_t cells = 0;
+    for (int i = 0; i < 3; i++) {
+        lacked[i] = d->hubs == 0 || !is_hub(d, v[i]);
+        if (!lacked[i])
+            continue;
+        uint32_t c = cell_of(d, v[i]);
+        if ((cells < 1 || cell[0] != c) && (cells < 2 || cell[1] != c))
+            cell[cells++] = c;
+    }
+    if (cells == 0)
+        cell[cells++] = own;
+    return cells;
+}
+
 /* Copies for the other cells; for each, the corners that it lacks. */
 static void look_at_triangle(mni_deal *d, const uint32_t v[3], uint32_t own) {
     uint32_t cell[3];
-    for (int i = 0; i < 3; i++)
-        cell[i] = cell_of(d, v[i]);
-    for (int i = 0; i < 3; i++) {
-        if ((i > 0 && cell[i] == cell[0]) || (i > 1 && cell[i] == cell[1]))
-            continue;
+    bool lacked[3];
+    uint32_t cells = cells_of(d, v, own, cell, lacked);
+    for (uint32_t i = 0; i < cells; i++) {
         for (int c = 0; c < 3; c++)
-            if (cell[c] != cell[i]) {
+            if (lacked[c] && cell_of(d, v[c]) != cell[i]) {
                 lack l = {cell[i], v[c]};
                 mni_sort_put(d->lacks, &l);
             }
+        d->of_cell[cell[i]].triangles++;
         if (cell[i] != own) {
-            d->of_cell[cell[i]].triangles++;
             copy to = {cell[i], {v[0], v[1], v[2]}};
             mni_sort_put(d->copies, &to);
         }
     }
 }
 
+/* Those of a cell's vertices that are large; smaller ones would only be in the way. */
+static void keep_fans(mni_deal *d, uint32_t cell) {
+    uint32_t first = cell_start(d, cell), count = cell_start(d, cell + 1) - first;
+    for (uint32_t i = 0; i < count; i++) {
+        if (d->fan[i] > d->desc.hub_fan / (2 * CROWDED_PART))
+            mni_heavy_add(&d->heavy, first + i, d->fan[i]);
+        d->fan[i] = 0;
+    }
+}
+
+static void count_fans(mni_deal *d, const uint32_t v[3], uint32_t first, uint32_t end) {
+    for (int i = 0; i < 3; i++)
+        if (v[i] < end)
+            d->fan[v[i] - first]++;
+        else
+            mni_heavy_add(&d->heavy, v[i], 1);
+}
+
 static mn_code look_at_triangles(mni_deal *d, mn_status *st) {
-    uint32_t own = 0, end = cell_start(d, 1);
+    uint32_t own = 0, first = 0, end = cell_start(d, 1);
     for (read_triangles(d); d->next_triangle != NULL;
          d->next_triangle = mni_exttriangles_next(&d->triangles)) {
         const uint32_t *v = d->next_triangle->corner;
         while (v[0] >= end) {
+            if (d->fan != NULL)
+                keep_fans(d, own);
             own++;
+            first = end;
             end = cell_start(d, own + 1);
         }
-        d->of_cell[own].triangles++;
-        if (v[1] >= end || v[2] >= end)
+        if (d->fan != NULL)
+            count_fans(d, v, first, end);
+        if (d->hubs > 0 || v[1] >= end || v[2] >= end)
             look_at_triangle(d, v, own);
+        else
+            d->of_cell[own].triangles++;
     }
+    if (d->fan != NULL)
+        keep_fans(d, own);
     return spill_state(&d->mesh->triangle, st);
 }
 
@@ -156,10 +224,12 @@ static void look_at_vertex(mni_deal *d, uint32_t id, const float p[3]) {
 static mn_code look_at_vertices(mni_deal *d, mn_status *st) {
     const mni_extvertex *v;
     const lack *next = mni_sort_next(d->lacks, st);
-    uint32_t last_cell = 0;
+    uint32_t last_cell = 0, hub = 0;
     read_vertices(d);
     for (uint32_t id = 0; (v = mni_spill_take(&d->vertices, sizeof *v)) != NULL; id++) {
         look_at_vertex(d, id, v->position);
+        if (hub < d->hubs && d->hub[hub].id == id)
+            memcpy(d->hub[hub++].position, v->position, sizeof v->position);
         for (bool again = false; next != NULL && next->vertex == id; again = true) {
             if (!again || next->cell != last_cell) {
                 found f = {id, next->cell, {v->position[0], v->position[1], v->position[2]}};
@@ -173,16 +243,73 @@ static mn_code look_at_vertices(mni_deal *d, mn_status *st) {
     return spill_state(&d->mesh->vertex, st);
 }
 
-static mn_code find_crossing(mni_deal *d, mn_status *st) {
-    mn_code code = open_sort(d, &d->copies, sizeof(copy), MNI_SORT_U32, st);
+/* ---- hubs ----------------------------------------------------------------------------------- */
+
+static int by_count(const void *a, const void *b) {
+    const mni_heavy_counter *x = a, *y = b;
+    return x->count != y->count ? (x->count < y->count ? 1 : -1)
+                                : (x->number > y->number) - (x->number < y->number);
+}
+
+static int by_id(const void *a, const void *b) {
+    uint32_t x = ((const mni_ghost *)a)->id, y = ((const mni_ghost *)b)->id;
+    return x < y ? -1 : x > y;
+}
+
+/* The heaviest that are hubs, or that crowd their cell. */
+static mn_code choose_hubs(mni_deal *d, mn_status *st) {
+    mni_heavy_counter *c;
+    uint32_t fan = d->desc.hub_fan, count = mni_heavy_take(&d->heavy, fan / CROWDED_PART, &c);
+    uint32_t most = count < d->desc.hubs_max ? count : d->desc.hubs_max;
+    qsort(c, count, sizeof *c, by_count);
+    d->hub = malloc(((size_t)most + 1) * sizeof *d->hub);
+    if (d->hub == NULL)
+        return mn_fail(st, MN_FAILED, "out of memory");
+    for (uint32_t i = 0; i < count && d->hubs < most; i++)
+        if (c[i].count > fan || d->of_cell[cell_of(d, c[i].number)].triangles > CROWDED * fan)
+            d->hub[d->hubs++] = (mni_ghost){.id = c[i].number};
+    qsort(d->hub, d->hubs, sizeof *d->hub, by_id);
+    return MN_OK;
+}
+
+/* A look at all triangles, in which fans are counted. */
+static mn_code find_hubs(mni_deal *d, mn_status *st) {
+    uint64_t counters = COUNTERS_MIN + d->mesh->triangles / TRIANGLES_A_COUNTER;
+    d->fan = calloc(d->mesh->vertices / d->desc.cells + 1, sizeof *d->fan);
+    if (d->fan == NULL || !mni_heavy_open(&d->heavy, (uint32_t)counters))
+        return mn_fail(st, MN_FAILED, "out of memory");
+    mn_code code = look_at_triangles(d, st);
     if (code == MN_OK)
-        code = open_sort(d, &d->lacks, sizeof(lack), MNI_SORT_U64, st);
+        code = choose_hubs(d, st);
+    mni_heavy_close(&d->heavy);
+    free(d->fan);
+    d->fan = NULL;
+    return code;
+}
+
+/* ---- what crosses, all of it ---------------------------------------------------------------- */
+
+static mn_code open_crossing(mni_deal *d, mn_status *st) {
+    mn_code code = open_sort(d, &d->copies, sizeof(copy), MNI_SORT_U32, st);
+    return code == MN_OK ? open_sort(d, &d->lacks, sizeof(lack), MNI_SORT_U64, st) : code;
+}
+
+static mn_code find_crossing(mni_deal *d, mn_status *st) {
+    mn_code code = open_crossing(d, st);
     if (code == MN_OK)
         code = open_sort(d, &d->ghosts, sizeof(found), MNI_SORT_U64, st);
     if (code == MN_OK) /* they come in order */
         code = open_sort(d, &d->samples, sizeof(mni_ghost), MNI_SORT_U32, st);
     if (code == MN_OK)
-        code = look_at_triangles(d, st);
+        code = d->desc.hub_fan > 0 ? find_hubs(d, st) : look_at_triangles(d, st);
+    if (code == MN_OK && d->hubs > 0) {
+        close_sort(d, &d->copies);
+        close_sort(d, &d->lacks);
+        memset(d->of_cell, 0, d->desc.cells * sizeof *d->of_cell);
+        code = open_crossing(d, st);
+        if (code == MN_OK)
+            code = look_at_triangles(d, st);
+    }
     if (code == MN_OK)
         code = mni_sort_finish(d->copies, st);
     if (code == MN_OK)
@@ -241,6 +368,11 @@ float mni_deal_step(const mni_deal *d) {
     return d->step;
 }
 
+const mni_ghost *mni_deal_hubs(const mni_deal *d, uint32_t *count) {
+    *count = d->hubs;
+    return d->hub;
+}
+
 const mni_ghost *mni_deal_sample(mni_deal *d, mn_status *st) {
     const mni_ghost *sample = mni_sort_next(d->samples, st);
     if (sample == NULL)
@@ -269,6 +401,9 @@ void mni_deal_close(mni_deal *d) {
     mni_sort_close(d->samples);
     for (int i = 0; i < BUFFERS; i++)
         free(d->buffer[i]);
+    mni_heavy_close(&d->heavy);
+    free(d->fan);
+    free(d->hub);
     free(d->of_cell);
     free(d);
 }
@@ -326,6 +461,18 @@ static bool add_triangle(mni_hand *h, const uint32_t v[3]) {
     return good;
 }
 
+/* Whether a triangle that lies in this cell's part of the file is dealt to it: not if its only
+ * corner there is a hub. */
+static bool is_own(const mni_deal *d, const uint32_t v[3]) {
+    uint32_t cell[3];
+    bool lacked[3], own = d->hubs == 0;
+    if (own)
+        return true;
+    for (uint32_t i = cells_of(d, v, d->next, cell, lacked); i-- > 0;)
+        own |= cell[i] == d->next;
+    return own;
+}
+
 static mn_code deal_triangles(mni_deal *d, mni_hand *h, mn_status *st) {
     h->triangles = 0;
     for (; d->next_copy != NULL && d->next_copy->cell == d->next;
@@ -335,7 +482,7 @@ static mn_code deal_triangles(mni_deal *d, mni_hand *h, mn_status *st) {
     h->copies = h->triangles;
     for (; d->next_triangle != NULL && d->next_triangle->corner[0] < h->first + h->vertices;
          d->next_triangle = mni_exttriangles_next(&d->triangles)) {
-        if (!add_triangle(h, d->next_triangle->corner))
+        if (is_own(d, d->next_triangle->corner) && !add_triangle(h, d->next_triangle->corner))
             return no_memory(h, st);
     }
     return spill_state(&d->mesh->triangle, st);

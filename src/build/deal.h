@@ -9,8 +9,10 @@
  *     vertices  ──────────────┴─► ghosts, sorted by cell; samples
  *
  * That is one pass over both files before the first cell, and one with the cells; what is sorted is
- * what crosses, a few in a hundred. One thread at a time; calls may block on the disk. Memory:
- * work_bytes, and 8 bytes a cell. */
+ * what crosses, a few in a hundred. Vertices of too many triangles for a cell are found on the way
+ * (heavy.h): they belong to no cell (frozen.h), and where there are any the first pass is done once
+ * more without them. One thread at a time; calls may block on the disk. Memory: work_bytes, 8 bytes
+ * a cell, 16 bytes a hub, and 32 bytes for 4,096 triangles. */
 #ifndef MNI_DEAL_H
 #define MNI_DEAL_H
 
@@ -22,6 +24,8 @@
 typedef struct mni_deal_desc {
     uint32_t cells;
     uint32_t sample_every; /* vertices, at least 1 */
+    uint32_t hub_fan;      /* more triangles make a hub; 0: nothing does */
+    uint32_t hubs_max;     /* the heaviest */
     uint64_t work_bytes;   /* at least MNI_DEAL_WORK_MIN */
     const char *temp_dir;
 } mni_deal_desc;
@@ -36,7 +40,8 @@ typedef struct mni_ghost {
     float position[3];
 } mni_ghost;
 
-/* What a cell is made of. */
+/* What a cell is made of. A hub is neither a vertex of it nor a ghost, though its id may be there.
+ */
 typedef struct mni_hand {
     uint32_t first, vertices; /* ids [first, first + vertices) */
     float (*position)[3];
@@ -54,6 +59,8 @@ mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *d
 void mni_deal_box(const mni_deal *deal, float low[3], float high[3]);
 /* Of which all coordinates are multiples: the mesh's grid; 0: they are not. */
 float mni_deal_step(const mni_deal *deal);
+/* Hubs, by id; they stay until it is closed. */
+const mni_ghost *mni_deal_hubs(const mni_deal *deal, uint32_t *count);
 /* The next sample, NULL: that was all. Before the first hand, or never. */
 const mni_ghost *mni_deal_sample(mni_deal *deal, mn_status *st);
 /* What cell c will have, ghosts among the vertices. */

@@ -50,7 +50,7 @@ static uint32_t tile_of(const giver *g, const float p[3], uint32_t id) {
 
 static void stand(giver *g) {
     const mni_cell *cell = g->cell;
-    for (uint32_t v = 0; v < cell->vertices; v++) {
+    for (uint32_t v = 0; v < cell->first_hub; v++) {
         const mni_vertex *vertex = &cell->s.surface.vertex[v];
         if (v < cell->own && vertex->node == MN_NONE)
             continue;
@@ -61,14 +61,20 @@ static void stand(giver *g) {
     }
 }
 
+/* Hubs are in no tile. */
+static bool is_hub(const giver *g, uint32_t v) {
+    return v >= g->cell->first_hub && v != MN_NONE;
+}
+
+/* Where all are hubs, it matters to nobody. */
 static mni_wire_reach reach_of(const giver *g, const uint32_t v[3]) {
-    uint32_t first = g->stands[v[0]].tile;
-    mni_wire_reach reach = {first, first};
-    for (int c = 1; c < 3 && v[c] != MN_NONE; c++) {
-        uint32_t tile = g->stands[v[c]].tile;
-        mni_wire_widen(&reach, (mni_wire_reach){tile, tile});
-    }
-    return reach;
+    mni_wire_reach reach = {UINT32_MAX, 0};
+    for (int c = 0; c < 3 && v[c] != MN_NONE; c++)
+        if (!is_hub(g, v[c])) {
+            uint32_t tile = g->stands[v[c]].tile;
+            mni_wire_widen(&reach, (mni_wire_reach){tile, tile});
+        }
+    return reach.low <= reach.high ? reach : (mni_wire_reach){0, 0};
 }
 
 static void look_at_simplices(giver *g) {
@@ -80,7 +86,8 @@ static void look_at_simplices(giver *g) {
             continue;
         mni_wire_reach reach = reach_of(g, v);
         for (int c = 0; c < 3 && v[c] != MN_NONE; c++)
-            mni_wire_widen(&g->stands[v[c]].reach, reach);
+            if (!is_hub(g, v[c]))
+                mni_wire_widen(&g->stands[v[c]].reach, reach);
         if (mni_cell_simplex(g->cell, x, &record))
             add(g, SIMPLICES, reach.low, x);
     }
@@ -94,11 +101,15 @@ static void look_at_passing(giver *g) {
         uint32_t tile[3];
         x->reach = (mni_wire_reach){UINT32_MAX, 0};
         for (uint32_t c = 0; c < corners_of(x); c++) {
+            if (is_hub(g, p->at[c]))
+                continue;
             tile[c] = p->at[c] != MN_NONE ? g->stands[p->at[c]].tile : tile_of(g, x->p[c], x->v[c]);
             mni_wire_widen(&x->reach, (mni_wire_reach){tile[c], tile[c]});
         }
         for (uint32_t c = 0; c < corners_of(x); c++)
-            if (p->at[c] != MN_NONE) {
+            if (is_hub(g, p->at[c])) {
+                continue;
+            } else if (p->at[c] != MN_NONE) {
                 mni_wire_widen(&g->stands[p->at[c]].reach, x->reach);
             } else if (x->reach.low < x->reach.high) {
                 uint32_t number = g->list[SIGHTS].count;

@@ -25,6 +25,7 @@ enum {
     MNI_HUB_FAN = 1024, /* more simplices make one; the Earth at a quarter of a degree has none */
     MNI_HUB_PART = 16,
     MNI_HUB_CHOICES = 4,
+    MNI_HUB_CREDIT = 32, /* witnesses that are looked for all round one that has just become one */
 };
 
 typedef struct mni_hub {
@@ -35,6 +36,7 @@ typedef struct mni_hub {
     float key;                            /* 0: part.key is not kept */
     float closed;                         /* its ring is closed from this cost on (mni_part) */
     bool called; /* it was woken in this stage, since nobody else was left */
+    bool frozen; /* it looks at nothing: see frozen.h */
     mni_homes homes;
 } mni_hub;
 

@@ -51,24 +51,33 @@ void mni_quadric_wall(mni_surface *surface, uint32_t v, uint32_t w) {
         edge_of(vertex[v].p, vertex[w].p, along);
         cross(along, normal, wall);
         double length2 = along[0] * along[0] + along[1] * along[1] + along[2] * along[2];
-        if (unit(wall) > 0) {
+        if (unit(wall) > 0)
             add_plane(&vertex[v], wall, length2);
-            add_plane(&vertex[w], wall, length2);
-        }
     }
 }
 
+/* Of a triangle: its unit normal; returns its area. */
+static double plane_of(const mni_surface *surface, uint32_t t, double n[3]) {
+    const mni_vertex *vertex = surface->vertex;
+    const uint32_t *c = surface->simplex[t].v;
+    double e1[3], e2[3];
+    edge_of(vertex[c[0]].p, vertex[c[1]].p, e1);
+    edge_of(vertex[c[0]].p, vertex[c[2]].p, e2);
+    cross(e1, e2, n);
+    return 0.5 * unit(n);
+}
+
 void mni_quadrics_fill(mni_surface *surface) {
-    mni_vertex *vertex = surface->vertex;
     for (uint32_t t = 0; t < surface->triangles; t++) {
-        const uint32_t *c = surface->simplex[t].v;
-        double e1[3], e2[3], n[3];
-        edge_of(vertex[c[0]].p, vertex[c[1]].p, e1);
-        edge_of(vertex[c[0]].p, vertex[c[2]].p, e2);
-        cross(e1, e2, n);
-        double area = 0.5 * unit(n);
+        double n[3], area = plane_of(surface, t, n);
         if (area > 0)
             for (int i = 0; i < 3; i++)
-                add_plane(&vertex[c[i]], n, area);
+                add_plane(&surface->vertex[surface->simplex[t].v[i]], n, area);
     }
+}
+
+void mni_quadric_add_triangle(mni_surface *surface, uint32_t v, uint32_t t) {
+    double n[3], area = plane_of(surface, t, n);
+    if (area > 0)
+        add_plane(&surface->vertex[v], n, area);
 }

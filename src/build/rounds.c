@@ -45,6 +45,11 @@ static const double SPARE_SHARE = 0.125, SPARE_SHARE_MAX = 0.4;
 
 enum { THREADS_MAX = 16 };
 
+/* More triangles, in parts of what a cell has of vertices, and a vertex is in no cell: with one the
+ * largest cell is half as large again as is usual, and the Earth's poles have fewer. So many hubs,
+ * in parts of it too: each is in every cell. */
+static const double HUB_FAN = 0.625, HUBS_MAX = 0.125;
+
 /* Tiles in a cell; samples in a tile of which cells leave as much as they do of surfaces. */
 enum { CELL_TILES = 8, TILE_SAMPLES = 64 };
 /* What a round leaves of its vertices, of 100: 40 in the first, 46 in late ones. */
@@ -76,7 +81,9 @@ typedef struct rounds {
     uint32_t cell_vertices, sample_every;
     uint32_t vertices, cells; /* of this round */
     uint64_t simplices;
-    mni_tiles *now, *next; /* these have locks of their own */
+    bool carries;            /* hubs go from cell to cell */
+    mni_frozen_table frozen; /* as cells are to see them; carried ones change in between */
+    mni_tiles *now, *next;   /* these have locks of their own */
     /* guarded by lock */
     pthread_mutex_t lock;
     pthread_cond_t turn;
@@ -84,7 +91,8 @@ typedef struct rounds {
     mni_sort *samples;        /* of what is left */
     uint32_t taken, numbered; /* cells */
     bool taking;
-    uint64_t used_bytes; /* by the cells that are open */
+    uint64_t used_bytes;   /* by the cells that are open */
+    mni_frozen_table told; /* what hubs have come to */
     mni_history *history;
     mn_code code;
     mn_status *st;
@@ -133,18 +141,25 @@ static mn_code check_room(const rounds *r, uint64_t bytes) {
 
 /* Under the lock: the first round's are dealt in turn; what others have is known. */
 static mn_code begin_cell(rounds *r, job *j) {
+    uint64_t hubs = r->frozen.count;
     if (r->round > 0) {
         j->crate = mni_tiles_cell(r->now, j->number);
-        j->bytes = mni_cell_bytes(j->crate.vertices, j->crate.simplices, j->crate.bytes);
+        j->bytes = mni_cell_bytes(j->crate.vertices + hubs, j->crate.simplices, j->crate.bytes);
         return MN_OK;
     }
     mn_code code = mni_deal_next(r->deal, &j->hand, r->st);
-    j->bytes = mni_cell_dealt_bytes(j->hand.vertices + j->hand.ghosts, j->hand.triangles);
+    j->bytes = mni_cell_dealt_bytes(j->hand.vertices + j->hand.ghosts + hubs, j->hand.triangles);
     return code;
 }
 
-/* Under the lock; one thread at a time. Waits until there is room for the cell beside those that
- * are open: these do not wait for it. */
+/* Under the lock: whether the cell has to wait: for room beside those that are open, which do not
+ * wait for it; for hubs, until the one before has told what they have come to. */
+static bool waits(const rounds *r, const job *j) {
+    return (r->used_bytes + j->bytes > r->cells_bytes && r->used_bytes > 0) ||
+           (r->carries && r->numbered < j->number && r->code == MN_OK);
+}
+
+/* Under the lock; one thread at a time. */
 static mn_code take_cell(rounds *r, job *j) {
     while (r->taking)
         pthread_cond_wait(&r->turn, &r->lock);
@@ -157,7 +172,7 @@ static mn_code take_cell(rounds *r, job *j) {
     mn_code code = begin_cell(r, j);
     if (code == MN_OK)
         code = check_room(r, j->bytes);
-    while (code == MN_OK && r->used_bytes + j->bytes > r->cells_bytes && r->used_bytes > 0)
+    while (code == MN_OK && waits(r, j))
         pthread_cond_wait(&r->turn, &r->lock);
     r->used_bytes += j->bytes;
     r->taking = false;
@@ -222,6 +237,9 @@ static mn_code number_cell(rounds *r, uint32_t c, mni_cell *cell, mn_status *st)
     mni_cell_number(cell, r->history->collapses);
     mn_code code = mni_history_add(r->history, cell, st);
     mni_cell_forget(cell);
+    mni_cell_tell_hubs(cell, &r->told);
+    if (r->carries)
+        mni_frozen_copy(&r->frozen, &r->told);
     if (code == MN_OK && r->whole)
         keep_root(r, cell);
     if (code == MN_OK && !r->whole)
@@ -253,6 +271,8 @@ static mn_code open_cell(rounds *r, job *j, mn_status *st) {
                           .whole = r->whole,
                           .stage = r->stage,
                           .slack = slack[r->slack],
+                          .frozen = r->stage < 4 || r->whole ? &r->frozen : NULL,
+                          .carries = r->carries,
                           .poll = {go_on_with, r}};
     if (r->round == 0)
         return open_dealt(j, &desc, st);
@@ -392,6 +412,7 @@ static mn_code open_next(rounds *r) {
 static mn_code turn_over(rounds *r) {
     close_deal(r);
     close_tiles(r, r->now);
+    mni_frozen_copy(&r->frozen, &r->told);
     mn_code code = mni_tiles_finish(r->next, r->cell_vertices, r->st);
     if (code != MN_OK)
         return code;
@@ -408,9 +429,10 @@ static mn_code turn_over(rounds *r) {
 static void go_on(rounds *r, uint32_t before, uint32_t made) {
     if (r->stage == 4)
         return;
+    r->carries = false;
     if (r->simplices == 0) {
         r->stage = 4;
-        r->history->counts.components = r->vertices;
+        r->history->counts.components = r->vertices + r->frozen.count;
     } else if ((uint64_t)made * SLOW_PART >= before) {
         r->slack -= r->slack > 0;
         r->stuck = 0;
@@ -418,7 +440,9 @@ static void go_on(rounds *r, uint32_t before, uint32_t made) {
         r->slack++;
     } else if ((uint64_t)made * STUCK_PART >= before) {
         r->stuck = 0;
-    } else if (++r->stuck == STUCK_ROUNDS) {
+    } else if (++r->stuck < STUCK_ROUNDS) {
+        r->carries = r->frozen.count > 0;
+    } else {
         r->stuck = 0;
         if (r->stage < 3) {
             r->stage++;
@@ -435,7 +459,7 @@ static mn_code check_deal(const rounds *r) {
     for (uint32_t c = 0; c < r->cells; c++) {
         uint32_t vertices, triangles;
         mni_deal_counts(r->deal, c, &vertices, &triangles);
-        uint64_t bytes = mni_cell_dealt_bytes(vertices, triangles);
+        uint64_t bytes = mni_cell_dealt_bytes((uint64_t)vertices + r->frozen.count, triangles);
         most = bytes > most ? bytes : most;
     }
     return check_room(r, most);
@@ -444,6 +468,8 @@ static mn_code check_deal(const rounds *r) {
 static mn_code open_deal(rounds *r) {
     mni_deal_desc desc = {.cells = r->cells,
                           .sample_every = r->sample_every,
+                          .hub_fan = r->cells > 1 ? (uint32_t)(HUB_FAN * r->cell_vertices) : 0,
+                          .hubs_max = (uint32_t)(HUBS_MAX * r->cell_vertices),
                           .work_bytes = share_of(r, deal_share, DEAL_BYTES, MNI_DEAL_WORK_MIN),
                           .temp_dir = r->desc.temp_dir};
     mn_code code = mni_deal_open(&r->deal, r->mesh, &desc, r->st);
@@ -451,6 +477,10 @@ static mn_code open_deal(rounds *r) {
         return code;
     mni_deal_box(r->deal, r->low, r->high);
     r->step = mni_deal_step(r->deal);
+    uint32_t hubs;
+    const mni_ghost *hub = mni_deal_hubs(r->deal, &hubs);
+    if (!mni_frozen_open(&r->frozen, hub, hubs) || !mni_frozen_open(&r->told, hub, hubs))
+        return mn_fail(r->st, MN_FAILED, "out of memory for %u hubs", hubs);
     return check_deal(r);
 }
 
@@ -547,6 +577,8 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     close_samples(&r);
     close_tiles(&r, &r.tiles[0]);
     close_tiles(&r, &r.tiles[1]);
+    mni_frozen_close(&r.frozen);
+    mni_frozen_close(&r.told);
     malloc_trim(0);
     out->bytes_read += mesh->vertex.bytes_read + mesh->triangle.bytes_read - read_before;
     out->bytes_written +=

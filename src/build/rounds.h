@@ -11,6 +11,9 @@
  * Order of collapses: inside a cell cheapest first; none with a cheaper legal one beside it that is
  * put off. Afterwards all are put in the order of their keys, the largest cost that each has waited
  * for: so a collapse of a late round that was cheap stands among the cheap ones.
+ * Vertices of too many simplices for a cell are frozen.h's: their simplices go where the other
+ * corners go. Once rounds do nothing more in any order, one carries these hubs through its cells,
+ * one after the other, so that what is left at them can go into them.
  * What comes out depends on the mesh and the options, never on memory or the number of threads.
  *
  * One call, which starts its threads and ends them; it blocks on temporary files. Memory: cells and

@@ -20,6 +20,7 @@
 
 #include "mn_assert.h"
 #include "clock.h"
+#include "freeze.h"
 #include "rounds.h"
 #include "unit.h"
 
@@ -52,7 +53,6 @@ static const double POLL_S = 0.05;
 enum {
     PROGRESS_EVERY = 1 << 14,
     POLL_EVERY = 16,
-    HUB_CREDIT = 32, /* witnesses that are looked for all round a hub when it has become one */
     MEASURED_FAN_MAX = 128, /* simplices at a vertex: of poles nothing is measured in advance */
 #ifdef MN_SLOW_CHECKS
     ORDER_SAMPLE = 1,
@@ -141,7 +141,7 @@ static bool is_hub(mni_simplifier *s, uint32_t r) {
         return false;
     }
     h->touched = h->patience = count / MNI_HUB_PART;
-    h->homes.credit = (uint64_t)HUB_CREDIT * count;
+    h->homes.credit = (uint64_t)MNI_HUB_CREDIT * count;
     if (s->part.key != NULL)
         h->key = largest_key(s, r);
     v->hub = true;
@@ -252,8 +252,8 @@ static void offer(mni_simplifier *s, uint32_t r) {
 static bool call_hubs(mni_simplifier *s) {
     for (uint32_t i = 0; i < s->hubs.room; i++) {
         mni_hub *h = &s->hubs.hub[i];
-        if (h->vertex == MN_NONE || !s->surface.vertex[h->vertex].hub || h->touched == 0 ||
-            (h->called && s->stage < 3))
+        if (h->vertex == MN_NONE || h->frozen || !s->surface.vertex[h->vertex].hub ||
+            h->touched == 0 || (h->called && s->stage < 3))
             continue;
         h->called = true;
         h->touched = h->patience;
@@ -329,6 +329,11 @@ static mni_heap_key measured_key(mni_simplifier *s, uint32_t r, uint32_t k, mni_
     return cost > mni_heap_key_cost(key) ? mni_heap_key_make(cost, k) : key;
 }
 
+/* Whose collapses are not measured in advance. */
+static bool is_pole(const mni_simplifier *s, uint32_t v) {
+    return s->surface.vertex[v].fan.count > MEASURED_FAN_MAX || s->surface.vertex[v].hub;
+}
+
 /* r → k, legal and cheapest by its quadrics: is it so with what is measured? Otherwise r is put
  * back with the least key of its candidates: those that are cheaper by their quadrics are measured.
  */
@@ -340,15 +345,14 @@ static bool is_least(mni_simplifier *s, uint32_t r, mni_heap_key key) {
         return true;
     mni_heap_key best = MNI_HEAP_KEY_NONE;
     if (v->measured) { /* some time ago: the surface may have changed around k */
-        if (s->surface.vertex[k].fan.count > MEASURED_FAN_MAX || measured_key(s, r, k, key) == key)
+        if (is_pole(s, k) || measured_key(s, r, k, key) == key)
             return true;
         key = best_candidate(s, r, 0);
     }
     for (mni_heap_key at = key; at < best; at = best_candidate(s, r, at + 1)) {
         uint32_t to = mni_heap_key_kept(at);
         if ((at == key && !v->measured) || allowed(s, r, to)) {
-            bool is_pole = s->surface.vertex[to].fan.count > MEASURED_FAN_MAX;
-            mni_heap_key measured = is_pole ? at : measured_key(s, r, to, at);
+            mni_heap_key measured = is_pole(s, to) ? at : measured_key(s, r, to, at);
             best = measured < best ? measured : best;
         }
     }
@@ -459,7 +463,7 @@ static void check_order(mni_simplifier *s, uint32_t r, mni_heap_key key) {
 
 static bool order_is_checked(const mni_simplifier *s, uint32_t r, uint32_t k) {
     return s->made.count % ORDER_SAMPLE == 0 && s->surface.vertex[r].fan.count <= ORDER_FAN_MAX &&
-           s->surface.vertex[k].fan.count <= ORDER_FAN_MAX;
+           s->surface.vertex[k].fan.count <= ORDER_FAN_MAX && !s->surface.vertex[k].hub;
 }
 
 /* k has become another, and perhaps a hub, which rests at first: or one that goes from neighbour to
@@ -557,6 +561,8 @@ static void close_ring(mni_simplifier *s, uint32_t v, float cost) {
 /* Whether r → k, the least that is left, is not to be made: then it may hold up others. */
 static bool put_off(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
     const mni_heap_key *closed = s->part.closed;
+    if (closed != NULL && closed[k] > 0 && s->surface.vertex[k].hub && !mni_freeze_sees(s, r, k))
+        return true;
     if (closed == NULL || (closed[r] > key && closed[k] > key))
         return false;
     bool here = closed[r] > 0, whole = here && closed[k] > 0;
@@ -596,8 +602,11 @@ static bool go_on(mni_simplifier *s) {
 static void begin(mni_simplifier *s, int stage) {
     s->stage = stage;
     for (uint32_t i = 0; i < s->hubs.room; i++) {
-        s->hubs.hub[i].touched = s->hubs.hub[i].patience;
-        s->hubs.hub[i].called = false;
+        mni_hub *h = &s->hubs.hub[i];
+        if (h->vertex == MN_NONE)
+            continue;
+        h->touched = h->frozen ? 0 : h->patience;
+        h->called = false;
     }
     for (uint32_t v = 0; v < s->surface.vertices; v++)
         if (s->surface.vertex[v].node != MN_NONE)
@@ -645,9 +654,13 @@ mn_code mni_simplify_stage(mni_simplifier *s, int stage) {
 
 /* ---- the run ---- */
 
-/* An edge between two parts is counted by that of its lesser end. */
+/* An edge between two parts is counted by that of its lesser end; one at a frozen hub by that of
+ * the other. */
 static bool counts_edge(const mni_simplifier *s, uint32_t v, uint32_t w) {
     const uint32_t *id = s->part.id;
+    const mni_vertex *vertex = s->surface.vertex;
+    if (vertex[v].hub || vertex[w].hub)
+        return vertex[vertex[v].hub ? w : v].node != MN_NONE;
     return id == NULL || s->surface.vertex[id[v] < id[w] ? v : w].node != MN_NONE;
 }
 
@@ -668,8 +681,10 @@ void mni_simplify_look(mni_simplifier *s) {
                 s->counts.nonmanifold_edges +=
                     n->triangles > 2 || (n->triangles == 2 && n->balance != 0);
             }
-            if (n->triangles == 1 && s->desc.metric == MN_METRIC_QEM)
+            if (n->triangles == 1 && s->desc.metric == MN_METRIC_QEM) {
                 mni_quadric_wall(&s->surface, v, s->judge.around[i]);
+                mni_quadric_wall(&s->surface, s->judge.around[i], v);
+            }
         }
     }
 }

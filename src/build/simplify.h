@@ -112,8 +112,10 @@ typedef struct mni_simplifier {
 
 /* quadric.c: one for each vertex, of its triangles. */
 void mni_quadrics_fill(mni_surface *surface);
-/* Adds the wall on the boundary edge v–w to the quadrics of its ends. */
+/* Adds the wall on the boundary edge v–w to the quadric of v. */
 void mni_quadric_wall(mni_surface *surface, uint32_t v, uint32_t w);
+/* Adds the plane of a triangle to that of v. */
+void mni_quadric_add_triangle(mni_surface *surface, uint32_t v, uint32_t t);
 
 /* Arrays for what is made of that many vertices; close frees them, and the surface, the judge, the
  * witnesses. MN_FAILED: memory. */

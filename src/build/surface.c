@@ -11,7 +11,8 @@ enum { LINE_BYTES = 64, HUGE_BYTES = 2 << 20 };
 _Static_assert(sizeof(mni_vertex) == 2 * LINE_BYTES && offsetof(mni_vertex, xy) == LINE_BYTES,
                "a vertex is two lines");
 
-enum { LONG_FAN = 1024 }; /* which is not walked without need */
+#define VERTEX_NONE (MN_NONE - 1) /* a hinge's third corner is MN_NONE */
+enum { LONG_FAN = 1024 };         /* which is not walked without need */
 enum { FAN_SLACK = 4 }; /* free places behind each list at the start: what a collapse adds to six */
 
 static mn_code no_memory(mn_status *st) {
@@ -171,16 +172,15 @@ static bool holds(const mni_simplex *x, uint32_t v) {
     return x->v[0] == v || x->v[1] == v || x->v[2] == v;
 }
 
-/* Whether an alive simplex of a's list, a long one, holds b. The dead ones that are met leave it:
- * so none is met twice. */
-static bool long_list_holds(mni_surface *s, uint32_t a, uint32_t b) {
+/* The dead ones that are met leave the list: so none is met twice. */
+bool mni_surface_joined_beside(mni_surface *s, uint32_t a, uint32_t b, uint32_t but) {
     mni_fan *f = &s->vertex[a].fan;
     uint32_t *list = &s->pool[f->first];
     for (uint32_t i = 0; i < f->count; s->walked++) {
         const mni_simplex *x = &s->simplex[list[i]];
         if (x->killed != MN_NONE)
             list[i] = list[--f->count];
-        else if (holds(x, b))
+        else if (holds(x, b) && !holds(x, but))
             return true;
         else
             i++;
@@ -195,7 +195,7 @@ bool mni_surface_joined(mni_surface *s, uint32_t a, uint32_t b) {
         b = t;
     }
     if (s->vertex[a].fan.count > LONG_FAN)
-        return long_list_holds(s, a, b);
+        return mni_surface_joined_beside(s, a, b, VERTEX_NONE);
     const uint32_t *list = &s->pool[s->vertex[a].fan.first];
     for (uint32_t i = 0; i < s->vertex[a].fan.count; i++) {
         const mni_simplex *x = &s->simplex[list[i]];

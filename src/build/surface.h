@@ -94,6 +94,8 @@ void mni_surface_close(mni_surface *surface);
 const uint32_t *mni_surface_fan(mni_surface *surface, uint32_t v, uint32_t *count);
 /* Whether an alive simplex holds both. Walks the shorter list. */
 bool mni_surface_joined(mni_surface *surface, uint32_t a, uint32_t b);
+/* Whether one that does not hold `but` does. Walks a's list until it comes to one. */
+bool mni_surface_joined_beside(mni_surface *surface, uint32_t a, uint32_t b, uint32_t but);
 
 enum { MNI_WHEEL_MAX = 16 };
 

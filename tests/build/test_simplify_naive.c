@@ -545,8 +545,10 @@ static void fill_quadrics(mni_surface *surface, const mn_mesh *mesh) {
     for (uint32_t v = 0; v < mesh->vertices; v++) {
         mni_judge_ring(&judge, surface, v);
         for (uint32_t i = 0; i < judge.ring_count; i++)
-            if (judge.around[i] > v && judge.ring[i].triangles == 1)
+            if (judge.around[i] > v && judge.ring[i].triangles == 1) {
                 mni_quadric_wall(surface, v, judge.around[i]);
+                mni_quadric_wall(surface, judge.around[i], v);
+            }
     }
     mni_judge_close(&judge);
 }
