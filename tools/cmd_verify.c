@@ -19,9 +19,10 @@ static const char help[] =
     "                  must be one of its edges\n"
     "  --weld on|off   as the file was built; without it, the one that gives as many vertices\n"
     "  --reader own|openmesh\n"
-    "  --ram SIZE      cap for the whole process, which holds the tree, 120 bytes a vertex, and\n"
-    "                  with --against both meshes and their edges, 430; where that does not fit\n"
-    "                  it is refused. Default: half of the memory, or of what the cgroup allows\n"
+    "  --ram SIZE      cap for the whole process; a .mnt alone needs 5M for any size. A .vdt is\n"
+    "                  held in memory, 120 bytes a vertex, and with --against both meshes and\n"
+    "                  their edges, 430; where that does not fit it is refused. Default: half of\n"
+    "                  the memory, or of what the cgroup allows\n"
     "  --json          figures as one JSON object\n";
 
 static const char *const reader_names[] = {"own", "openmesh", NULL};
@@ -108,11 +109,13 @@ int cmd_verify(int argc, char **argv) {
     mn_verify_result result;
     mn_mesh mesh;
     mn_status st = {0};
-    code = mn_tree_fits(file, against != NULL ? MN_TREE_COMPARE : MN_TREE_LOAD, ram_bytes, &st);
+    if (against != NULL || mn_tree_is_vdt(file))
+        code = mn_tree_fits(file, against != NULL ? MN_TREE_COMPARE : MN_TREE_LOAD, ram_bytes, &st);
     if (code == MN_OK && against != NULL)
         code = read_input(file, against, &desc, weld, &mesh, &st);
     if (code == MN_OK) {
-        code = mn_verify(file, against != NULL ? &mesh : NULL, CLI_WATCH(&meter), &result, &st);
+        code = mn_verify(file, against != NULL ? &mesh : NULL, ram_bytes, CLI_WATCH(&meter),
+                         &result, &st);
         if (against != NULL)
             mn_mesh_free(&mesh);
     }

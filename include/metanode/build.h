@@ -277,13 +277,15 @@ typedef struct mn_verify_result {
 
 /* Reads the whole .mnt (or .vdt): header, every block once, structure across blocks, and with
  * `against` (may be NULL) that full detail is that mesh on the file's grid, triangle for triangle,
- * and each hinge an edge of it. MN_BAD_INPUT names the first thing that is wrong. */
-mn_code mn_verify(const char *path, const mn_mesh *against, const mn_watch *watch,
-                  mn_verify_result *out, mn_status *st);
+ * and each hinge an edge of it. A .mnt alone is read within ram_bytes for the process (0: no
+ * bound), whatever its size: MN_CAP_TOO_SMALL names what would do. MN_BAD_INPUT names the first
+ * thing that is wrong. */
+mn_code mn_verify(const char *path, const mn_mesh *against, uint64_t ram_bytes,
+                  const mn_watch *watch, mn_verify_result *out, mn_status *st);
 
 /* What is done with a tree in memory. */
 typedef enum mn_tree_use {
-    MN_TREE_LOAD = 0, /* mn_tree_load; mn_verify */
+    MN_TREE_LOAD = 0, /* mn_tree_load; mn_verify of a .vdt */
     MN_TREE_EXTRACT,  /* and mn_tree_extract, a prefix front or all of it */
     MN_TREE_SETTLE,   /* of a tolerance */
     MN_TREE_BLOCK,    /* mn_block_write */

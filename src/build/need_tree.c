@@ -54,7 +54,7 @@ static uint64_t tree_bytes(const size *s) {
 
 static uint64_t loading_bytes(const size *s) {
     return s->vdt ? s->leaves * (4 + 4) /* nodes by row; the check's */
-                  : s->leaves * (9 /* seen, simplices */ + 8 /* the check's */) + s->simplices * 12;
+                  : s->leaves * 8 /* the check's */ + s->leaves / 8 + (2 << 20) /* a walk's */;
 }
 
 static uint64_t mesh_bytes(const size *s) {

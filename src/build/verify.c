@@ -3,12 +3,13 @@
  * Hides: how two meshes are compared whose vertices are numbered differently. Positions go onto the
  * file's grid and get numbers (equal ones the same), triangles become three such numbers with the
  * least first, both sides are sorted, and the first triangle of the input without its like is
- * named. Order: mn_verify alone. One thread; blocks on the disk. Memory: the tree, and 40 bytes a
- * vertex and 56 a triangle. Paper: none. */
+ * named. Order: mn_verify alone. One thread; blocks on the disk. Memory: a walk's
+ * (mnt_rows.h), and to compare the tree, and 40 bytes a vertex and 56 a triangle. Paper: none. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "mnt_rows.h"
 #include "tree.h"
 
 typedef struct point {
@@ -219,22 +220,45 @@ static mn_code compare(const char *path, const mn_tree *t, const mn_mesh *m, mn_
     return code;
 }
 
-mn_code mn_verify(const char *path, const mn_mesh *against, const mn_watch *watch,
-                  mn_verify_result *out, mn_status *st) {
+static void fill_result(mn_verify_result *out, uint64_t leaves, uint64_t inner, uint64_t simplices,
+                        uint64_t triangles) {
+    out->nodes = leaves + inner;
+    out->simplices = simplices;
+    out->triangles = triangles;
+    out->hinges = simplices - triangles;
+}
+
+/* The tree in memory: of a .vdt, or to compare it. */
+static mn_code verify_tree(const char *path, const mn_mesh *against, const mn_watch *watch,
+                           mn_verify_result *out, mn_status *st) {
     mn_tree tree;
-    mn_header header = {0};
-    memset(out, 0, sizeof *out);
-    mn_code code = mn_tree_is_vdt(path) ? mn_tree_read(path, &tree, st)
-                                        : mni_mnt_load(path, watch, &tree, &header, st);
+    mn_code code = mn_tree_load(path, watch, &tree, st);
     if (code != MN_OK)
         return code;
-    out->blocks = header.blocks;
-    out->nodes = (uint64_t)tree.leaves + tree.inner;
-    out->simplices = tree.simplices;
-    out->triangles = tree.triangles;
-    out->hinges = tree.simplices - tree.triangles;
+    fill_result(out, tree.leaves, tree.inner, tree.simplices, tree.triangles);
     if (against != NULL)
         code = compare(path, &tree, against, out, st);
     mn_tree_free(&tree);
     return code;
+}
+
+mn_code mn_verify(const char *path, const mn_mesh *against, uint64_t ram_bytes,
+                  const mn_watch *watch, mn_verify_result *out, mn_status *st) {
+    static const mni_mnt_sink nobody = {0};
+    const mni_mnt_desc desc = {.ram_bytes = ram_bytes, .watch = watch, .phase = "checking"};
+    mni_mnt mnt;
+    memset(out, 0, sizeof *out);
+    if (mn_tree_is_vdt(path))
+        return verify_tree(path, against, watch, out, st);
+    mn_code code = mni_mnt_open(&mnt, path, st);
+    const mn_header *h = &mnt.header;
+    if (code == MN_OK)
+        code = against != NULL ? verify_tree(path, against, watch, out, st)
+                               : mni_mnt_walk(&mnt, &desc, &nobody, st);
+    mni_mnt_close(&mnt);
+    if (code != MN_OK)
+        return code;
+    out->blocks = h->blocks;
+    fill_result(out, h->leaves, h->nodes - h->leaves, h->triangles + h->hinges, h->triangles);
+    return MN_OK;
 }

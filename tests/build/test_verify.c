@@ -12,7 +12,7 @@
 
 static mn_code check(const char *path, const mn_mesh *against, mn_verify_result *r, mn_status *st) {
     memset(st, 0, sizeof *st);
-    return mn_verify(path, against, NULL, r, st);
+    return mn_verify(path, against, 0, NULL, r, st);
 }
 
 /* A .mnt and a .vdt of the mesh's tree. */

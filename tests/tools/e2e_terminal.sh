@@ -38,9 +38,10 @@ part phases build read number check grid simplify order blocking -- build ball.p
 check "a build shows more than once" test "$(wc -l <lines)" -gt 4
 part phases simplify read number check grid simplify order writing -- simplify ball.ply -o ball.vdt
 part phases block checking blocking -- block ball.vdt -o other.mnt
-part phases block loading blocking -- block ball.mnt -o other.mnt
-part phases verify read loading -- verify ball.mnt --against ball.ply
-part phases extract loading -- extract ball.mnt --triangles 9000 -o coarse.ply
+part phases block checking loading blocking -- block ball.mnt -o other.mnt
+part phases verify checking -- verify ball.mnt
+part phases verify read checking loading -- verify ball.mnt --against ball.ply
+part phases extract checking loading -- extract ball.mnt --triangles 9000 -o coarse.ply
 part phases compare read measuring -- compare ball.ply coarse.ply --samples 300000
 part phases "bench error" read simplify measuring -- bench error ball.ply --fronts 1 --samples 100000
 part phases replay frames -- replay ball.mnt --path orbit --frames 30
