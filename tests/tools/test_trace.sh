@@ -67,12 +67,15 @@ done
 cmp -s one other || fail "two runs of one seed have other traces"
 
 # --- for viewers
-flows() { # every t and f has an s before it, every s an f, no slice is left open
+flows() { # every t and f has an s before it, every s an f, and each a slice to stand on; no slice is left open
     awk -v RS='\n' '
         function field(name,  at) {
             at = index($0, "\"" name "\":")
             return at == 0 ? "" : substr($0, at + length(name) + 3) + 0
         }
+        /"ph":"[stf]"/ && (field("ts") != stand || $0 !~ thread) { print "nothing to stand on: " $0 }
+        /"ph":"X"/ { stand = field("dur") > 0 ? field("ts") : -1; thread = "\"tid\":" field("tid") "," }
+        /"ph":"[tf]"/ && !/"bp":"e"/ { print "not bound to the slice around it: " $0 }
         /"ph":"s"/ { if (field("id") in open) print "a flow begins twice: " $0; open[field("id")] = 1; n++ }
         /"ph":"[tf]"/ { if (!(field("id") in open)) print "no s before: " $0 }
         /"ph":"f"/ { delete open[field("id")] }
@@ -91,6 +94,7 @@ expect 0 replay a.mnt --path dive --frames 60 --io pread --fps 0 -K 60 --trace a
 for window in "" "--from-frame 5" "--from-frame 5 --to-frame 20" "--to-frame 3"; do
     # shellcheck disable=SC2086
     expect 0 trace a.trace --to chrome $window -o a.json
+    grep -q '"displayTimeUnit":"ns"' a.json || fail "chrome $window: microseconds, and slices in each other"
     "$json" --foreign displayTimeUnit <a.json >/dev/null || fail "chrome $window: no JSON"
     wrong=$(flows a.json)
     [ -z "$wrong" ] || fail "chrome $window: $wrong"
@@ -134,6 +138,7 @@ for seed in $(seq "${MN_SEED:-1}" $((${MN_SEED:-1} + 9))); do
     expect 0 trace a.trace --json
     "$json" frames <out.txt >/dev/null || fail "seed $seed: no JSON"
     expect 0 trace a.trace --to chrome -o a.json
+    grep -q '"displayTimeUnit":"ns"' a.json || fail "chrome $window: microseconds, and slices in each other"
     "$json" --foreign displayTimeUnit <a.json >/dev/null || fail "seed $seed: no JSON for viewers"
     wrong=$(flows a.json | grep -v 'no flows')
     [ -z "$wrong" ] || fail "seed $seed: $wrong"
