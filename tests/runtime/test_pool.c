@@ -275,7 +275,13 @@ START_TEST(packed_counts_ancestors) {
             count += answer == MNI_GRANTED;
         }
     ck_assert(refused);
-    ck_assert_uint_eq(count, k); /* |A| = K: all are in use here */
+    ck_assert_uint_eq(count, k);    /* |A| = K: all are in use here */
+    mni_store_sub(store, entry[1]); /* not in use, an ancestor still: |A| is the same */
+    next_frame();
+    mni_answer other = MNI_ABSENT;
+    for (int frame = 0; frame < 5 && other == MNI_ABSENT; frame++, next_frame())
+        other = mni_store_down(store, entry[2], child_of(block[2], 0), &entry[count]);
+    ck_assert_int_eq(other, MNI_REFUSED);
     uint64_t epoch = mni_store_epoch(store);
     mni_store_sub(store, entry[--count]);
     next_frame();
