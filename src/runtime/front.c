@@ -562,6 +562,7 @@ static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_ent
                                       .parent = p->parent,
                                       .home = home,
                                       .slot = slot,
+                                      .leaf_lo = p->leaf_lo,
                                       .exit = (p->flags & MNI_NODE_EXIT) != 0};
     *reference(f, p->parent, slot, slot) = b | MNI_FRONT_BRANCH;
     fork_set(f, b);

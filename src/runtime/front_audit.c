@@ -163,6 +163,8 @@ static uint64_t check_slot(const mni_front *f, uint32_t slot) {
     MN_ASSERT(n->leaf_lo < n->leaf_hi && n->leaf_hi <= f->header->leaves);
     MN_ASSERT(mni_front_find(f, n->leaf_lo) == slot);
     MN_ASSERT(mni_front_is_leaf(f, slot) == (n->leaf_hi - n->leaf_lo == 1));
+    MN_ASSERT(is_root || f->branch[n->parent].slot != slot ||
+              f->branch[n->parent].leaf_lo == n->leaf_lo);
     MN_ASSERT(n->above == (is_root ? MN_NONE : f->branch[n->parent].order));
     if (n->more == MNI_FRONT_SHORT && n->corner[0] == 0)
         return 0;

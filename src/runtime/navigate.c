@@ -2,14 +2,17 @@
  *
  * Hides: the order of work, chains of forced splits, and the level of degrading.
  *
- *   collapse pass   unwanted forks in rising order of their parent's id. One pass is complete: a
- *                   parent's id exceeds its children's, and what blocks a collapse has a lower one.
- *   split pass      wanted nodes, largest error first, each with the chain of neighbours that must
- *                   split before it. A chain is found by splitting, and undone in reverse when it
- *                   cannot be carried out whole. Children that are wanted join the agenda.
+ *   collapse pass   unwanted forks in rising order of their parent's id, or, where there are many
+ *                   and no budget, by place. Who is blocked waits for its blocker to go. One pass
+ *                   is complete: a parent's id exceeds its children's, and what blocks a collapse
+ *                   has a lower one.
+ *   split pass      wanted nodes, largest error first (in a large front with room and no budget to
+ *                   within half a doubling, there by place), each with the chain of neighbours that
+ *                   must split before it. A chain is found by splitting, and undone in reverse when
+ *                   it cannot be carried out whole. Children that are wanted join the agenda.
  *   level           when the wanted mesh did not fit, the tolerance rises a step for the next
- * frame, and falls a step when there is room. While the camera stands, a level that did not fit is
- * not tried again, so it ends.
+ *                   frame, and falls a step when there is room. While the camera stands, a level
+ *                   that did not fit is not tried again, so it ends.
  *
  * Order of calls: open; then frames, each followed by give_way. Threads: Navigate only. Memory:
  * from the arena, bounded by the room of the front. Paper: §3.3.1, §3.3.5; forced splits and
@@ -28,6 +31,9 @@ enum {
 };
 /* Of forks on the agenda, in place of an order id. WAITS: it is on its blocker's list already. */
 enum { UNTESTED = 0, FREE, WAITS };
+/* A key of a split that goes by place: which of 32 ranks its error is in, then its place. Floats
+ * half a doubling apart, 1 and 1.5 and 2, differ by 2^22 as numbers. */
+enum { RANKS = 32, PLACES = 1 << 27, HALF_DOUBLING_BITS = 22 };
 #define NOBODY UINT16_MAX /* has pushed the first of a stack */
 
 #define CLOCK_MAX                                                                                  \
@@ -59,7 +65,13 @@ static float due_after(const mni_navigator *nav, float margin) {
     return (nav->clock + margin) * (1 - 1e-6f);
 }
 
-/* The fork, keyed by its order id, if it is one and not wanted. It is new: so it is looked at in
+/* A fork's turn: by order id; or by place, so that neighbours have theirs one after the other. */
+static uint32_t fork_key(const mni_navigator *nav, uint32_t fork) {
+    const mni_front_branch *b = &nav->front.branch[fork];
+    return nav->crowded ? b->leaf_lo : b->order;
+}
+
+/* The fork, if it is one and not wanted. It is new: so it is looked at in
  * the next frame. */
 static void consider_fork(mni_navigator *nav, uint32_t fork) {
     if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
@@ -68,8 +80,7 @@ static void consider_fork(mni_navigator *nav, uint32_t fork) {
     mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
     double priority_px;
     if (!mni_sieve_wants(&nav->sieve, &nav->lens, &bounds, &priority_px))
-        mni_agenda_push(&nav->agenda,
-                        (mni_agenda_item){UNTESTED, nav->front.branch[fork].order, fork});
+        mni_agenda_push(&nav->agenda, (mni_agenda_item){UNTESTED, fork_key(nav, fork), fork});
 }
 
 /* Those of a batch of forks that are not wanted, onto the agenda, but those that wait already. */
@@ -93,13 +104,13 @@ static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
         if (wants & waits)
             mni_waiting_drop(&nav->waiting, fork[i]);
         mni_agenda_add_if(&nav->agenda,
-                          (mni_agenda_item){UNTESTED, nav->front.branch[fork[i]].order, fork[i]},
+                          (mni_agenda_item){UNTESTED, fork_key(nav, fork[i]), fork[i]},
                           !(wants | waits));
     }
 }
 
 /* A fork whose next look is not due is wanted still, or not wanted still and waits. */
-static void collapse_agenda(mni_navigator *nav) {
+static void collapse_agenda(mni_navigator *nav, uint32_t *tests) {
     const mni_front *front = &nav->front;
     uint32_t fork[MNI_SIEVE_BATCH];
     int count = 0;
@@ -115,6 +126,7 @@ static void collapse_agenda(mni_navigator *nav) {
             count = 0;
         }
     judge_forks(nav, fork, count);
+    *tests = nav->agenda.heap;
     mni_agenda_begin(&nav->agenda);
 }
 
@@ -130,8 +142,7 @@ static bool has_to_wait(mni_navigator *nav, uint32_t fork, uint32_t blocker) {
 static void wake(mni_navigator *nav, uint32_t slot) {
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, slot); fork != MN_NONE;
          fork = mni_waiting_next(&nav->waiting, fork))
-        mni_agenda_push(&nav->agenda,
-                        (mni_agenda_item){UNTESTED, nav->front.branch[fork].order, fork});
+        mni_agenda_push(&nav->agenda, (mni_agenda_item){UNTESTED, fork_key(nav, fork), fork});
 }
 
 /* What is to be popped next is tested together, so that what each needs of the memory is on its way
@@ -188,7 +199,8 @@ static void collapse(mni_navigator *nav, uint32_t fork) {
 static void collapse_pass(mni_navigator *nav) {
     mni_agenda_item item;
     uint32_t looked = 0; /* up to there, of the agenda's sorted items */
-    collapse_agenda(nav);
+    uint32_t tests;
+    collapse_agenda(nav, &tests);
     for (;;) {
         if (nav->agenda.next >= looked)
             looked = look_ahead(nav);
@@ -208,6 +220,7 @@ static void collapse_pass(mni_navigator *nav) {
         collapse(nav, item.what);
     }
     nav->work.waits_dependency = nav->waiting.count;
+    nav->crowded = nav->by_place && tests > nav->front.active / MNI_CROWD_SHARE;
 }
 
 /* ---- chains of forced splits -------------------------------------------------------------------
@@ -360,8 +373,22 @@ static uint32_t split_key(double priority_px) {
     return UINT32_MAX - bits;
 }
 
-/* The error of a key, or the next float above. */
-static double key_px(uint32_t key) {
+/* By half doublings of the error over the tolerance, falling, and within one of them by place: so
+ * neighbours, and nodes of one block, have their turn one after the other. */
+static uint32_t place_key(const mni_navigator *nav, uint32_t key, uint32_t slot) {
+    const uint32_t least = split_key(fmax(nav->lens.tolerance_px, 0));
+    const uint32_t halves = key < least ? (least - key) >> HALF_DOUBLING_BITS : 0;
+    const uint32_t rank = RANKS - 1 - (halves < RANKS - 1 ? halves : RANKS - 1);
+    return rank * PLACES + (nav->front.node[slot].leaf_lo >> nav->place_shift);
+}
+
+/* The error of a key, or somewhat above: no error that is larger has a later key. */
+static double key_px(const mni_navigator *nav, uint32_t key) {
+    const uint32_t rank = key / PLACES;
+    if (nav->by_place && rank == 0)
+        return INFINITY;
+    if (nav->by_place)
+        key = split_key(fmax(nav->lens.tolerance_px, 0)) - ((RANKS - rank) << HALF_DOUBLING_BITS);
     uint32_t bits = UINT32_MAX - key;
     float value;
     memcpy(&value, &bits, sizeof value);
@@ -375,7 +402,10 @@ static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *ite
     double priority_px;
     if (!mni_sieve_wants(&nav->sieve, &nav->lens, &bounds, &priority_px))
         return false;
-    *item = (mni_agenda_item){nav->front.node[slot].order, split_key(priority_px), slot};
+    uint32_t key = split_key(priority_px);
+    if (nav->by_place)
+        key = place_key(nav, key, slot);
+    *item = (mni_agenda_item){nav->front.node[slot].order, key, slot};
     return true;
 }
 
@@ -453,7 +483,7 @@ static void split_agenda(mni_navigator *nav) {
 static void refuse(mni_navigator *nav, uint32_t key, mni_outcome outcome) {
     bool no_room = outcome == MNI_REFUSED_POOL || outcome == MNI_REFUSED_FRONT;
     if (no_room && nav->work.refused_px == 0)
-        nav->work.refused_px = key_px(key); /* errors fall: the first is the largest */
+        nav->work.refused_px = key_px(nav, key); /* errors fall: the first is the largest */
     switch (outcome) {
     case MNI_MISS:
     case MNI_BAD:
@@ -705,6 +735,9 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
                         &nav->weights, nav->coordinate_max);
         mni_store_look(nav->front.store, &nav->ahead.look);
     }
+    /* with a budget, or where there was no room, it is the error that decides, to the last bit */
+    nav->by_place = nav->ops_max == 0 && nav->triangles_max == 0 && nav->work.refused_px == 0 &&
+                    nav->front.active >= MNI_PLACES_MIN;
     nav->work = (mni_work){0};
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */
@@ -810,6 +843,8 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     mni_lacking_open(&nav->lacking, nodes_max, arena);
     nav->refusal = mni_arena_take(arena, nodes_max, sizeof *nav->refusal, 64);
     mni_waiting_open(&nav->waiting, &nav->front);
+    while ((header->leaves >> nav->place_shift) >= PLACES)
+        nav->place_shift++;
     nav->fork_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     nav->slot_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     mni_level_open(&nav->level);

@@ -18,7 +18,9 @@ enum {
     MNI_REHEARSED_MAX = 64,  /* splits of a chain that is rehearsed */
     MNI_REHEARSED_SHARE = 256, /* of the front's nodes: splits that a frame rehearses … */
     MNI_REHEARSED_LEAST = 4,   /* … and a few more: about a tenth of its time */
-    MNI_TURNS = 16,            /* frames in which each refused chain has its turn */
+    MNI_PLACES_MIN = 1 << 12,  /* nodes of a front: fewer are in the cache whatever the order */
+    MNI_CROWD_SHARE = 8, /* of the front's nodes: forks that a frame has to test, in a crowd */
+    MNI_TURNS = 16,      /* frames in which each refused chain has its turn */
 };
 
 /* What a frame did and could not do (terms in design.md §1). */
@@ -64,10 +66,13 @@ typedef struct mni_navigator {
     double tolerance_px; /* as asked for; the lens has what is used */
     bool moved;          /* the camera or the tolerance is not the last frame's */
     bool again;          /* a chain refused for no known block may go through now */
-    bool lenient;        /* nothing moved, but blocks came into use or went */
-    uint32_t turn;       /* of the frame: whose refused chains are tried, at less than their need */
-    uint64_t version;    /* of the front, at the end of the last pass of splits */
-    uint64_t epoch;      /* of the store, then */
+    bool crowded;  /* so many collapses come to be tested that they go by place, not by order id */
+    bool by_place; /* splits go by place where their errors are alike */
+    uint32_t place_shift; /* leaf ids without so many bits are places in keys of splits */
+    bool lenient;         /* nothing moved, but blocks came into use or went */
+    uint32_t turn;    /* of the frame: whose refused chains are tried, at less than their need */
+    uint64_t version; /* of the front, at the end of the last pass of splits */
+    uint64_t epoch;   /* of the store, then */
     mni_work work;
 
     mni_level level; /* of degrading */
