@@ -77,6 +77,7 @@ void figures_frame(replay_figures *f, const mn_frame_stats *frame) {
     spread_add(&f->nav_ms, frame->nav_ms);
     spread_add(&f->nav_cpu_ms, frame->nav_cpu_ms);
     spread_add(&f->error_px, frame->error_px);
+    spread_add(&f->error_inside_px, frame->error_inside_px);
 }
 
 void figures_compared(replay_figures *f, const mn_likeness *l) {
@@ -180,6 +181,9 @@ static void json_frames(json *j, const replay_figures *f) {
     json_f64(j, "error_px_p50", spread_quantile(&f->error_px, 0.5));
     json_f64(j, "error_px_p95", spread_quantile(&f->error_px, 0.95));
     json_f64(j, "error_px_max", f->error_px.max);
+    json_f64(j, "error_inside_px_p50", spread_quantile(&f->error_inside_px, 0.5));
+    json_f64(j, "error_inside_px_p95", spread_quantile(&f->error_inside_px, 0.95));
+    json_f64(j, "error_inside_px_max", f->error_inside_px.max);
 }
 
 static void json_totals(json *j, const mn_session_stats *t) {

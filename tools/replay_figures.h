@@ -24,7 +24,7 @@ typedef struct replay_figures {
     uint64_t frames, adapt, misses, refused_front, refused_budget, refused_pool, waits_dependency;
     uint64_t triangles, triangles_max;
     double miss_rate, tolerance_px, front_over_wanted; /* sums over frames */
-    spread nav_ms, nav_cpu_ms, error_px;
+    spread nav_ms, nav_cpu_ms, error_px, error_inside_px;
 
     uint64_t gl_fronts,
         gl_sent_bytes; /* handed to the driver: by the command, a picture at a time */

@@ -141,6 +141,7 @@ typedef struct mn_frame_stats {
     double tolerance_px;      /* used, degrading included */
     double error_px;          /* largest projected switch value, the grid's error added, over active
                                  nodes inside the frustum that do not face away */
+    double error_inside_px;   /* the same over those that face away as well */
     double front_over_wanted; /* active nodes over those without forced splits; NaN: not computed */
     uint64_t reads, read_bytes, evictions, second_chances, prefetches;
     uint64_t front_hash; /* XXH3 of the sorted active order ids */

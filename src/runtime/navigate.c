@@ -776,17 +776,20 @@ void mni_navigator_check(mni_navigator *nav) {
     }
 }
 
-double mni_navigator_error_px(const mni_navigator *nav) {
+double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
     const float grid_error = mn_grid_error(nav->front.header->grid_step);
     double most = 0;
+    *inside_px = 0;
     for (uint32_t slot = 0; slot < nav->front.slots_high; slot++) {
         if (!mni_front_is_active(&nav->front, slot))
             continue;
         mni_bounds bounds = mni_front_bounds(&nav->front, slot);
         bounds.switch_value += grid_error;
         double error_px = mni_lens_error_px(&nav->lens, &bounds);
-        if (error_px > most && mni_lens_inside(&nav->lens, &bounds) &&
-            !mni_lens_away(&nav->lens, &bounds))
+        if (error_px <= most || !mni_lens_inside(&nav->lens, &bounds))
+            continue;
+        *inside_px = fmax(*inside_px, error_px);
+        if (!mni_lens_away(&nav->lens, &bounds))
             most = error_px;
     }
     return most;

@@ -95,8 +95,9 @@ void mni_navigator_give_way(mni_navigator *nav, bool reading);
 /* mni_front_check, who waits, and that verdicts which stand are those of the last frame's camera.
  * Asserts. */
 void mni_navigator_check(mni_navigator *nav);
-/* Largest projected switch value over the active nodes inside the frustum that do not face away. */
-double mni_navigator_error_px(const mni_navigator *nav);
+/* Largest projected switch value over the active nodes inside the frustum that do not face away;
+ * *inside_px: over all of them that are inside. */
+double mni_navigator_error_px(const mni_navigator *nav, double *inside_px);
 /* Nodes of the front over those it would have without forced splits. */
 double mni_navigator_front_over_wanted(const mni_navigator *nav);
 

@@ -342,7 +342,7 @@ static void stats_finish(mn_session *s, const mn_session_stats *before, mn_frame
     stats->active_nodes = s->nav.front.active;
     stats->triangles = s->nav.front.triangles;
     stats->tolerance_px = s->nav.lens.tolerance_px;
-    stats->error_px = mni_navigator_error_px(&s->nav);
+    stats->error_px = mni_navigator_error_px(&s->nav, &stats->error_inside_px);
     stats->front_over_wanted = NAN;
     if (s->desc.store == MN_STORE_RESIDENT && s->desc.wide_front_over_wanted)
         stats->front_over_wanted = mni_navigator_front_over_wanted(&s->nav);
