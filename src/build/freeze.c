@@ -10,6 +10,7 @@ bool mni_freeze(mni_simplifier *s, uint32_t v, float around) {
     h->key = around;
     h->homes.credit = (uint64_t)MNI_HUB_CREDIT * s->surface.vertex[v].fan.count;
     s->surface.vertex[v].hub = s->surface.vertex[v].tried = true;
+    s->surface.trios++;
     return true;
 }
 

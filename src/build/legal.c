@@ -197,8 +197,8 @@ static bool strays(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     return false;
 }
 
-/* Whether an alive triangle holds all three. */
-static bool triangle_holds(mni_surface *s, uint32_t a, uint32_t b, uint32_t k) {
+/* The first alive triangle in the shortest list that holds all three; MN_NONE. */
+static uint32_t find_triangle(mni_surface *s, uint32_t a, uint32_t b, uint32_t k) {
     uint32_t count, shortest[3] = {a, b, k};
     for (int i = 1; i < 3; i++) /* to the front: one of them may be a pole */
         if (s->vertex[shortest[i]].fan.count < s->vertex[shortest[0]].fan.count) {
@@ -215,9 +215,41 @@ static bool triangle_holds(mni_surface *s, uint32_t a, uint32_t b, uint32_t k) {
         bool has_k = x->v[0] == k || x->v[1] == k || x->v[2] == k;
         bool has_b = x->v[0] == b || x->v[1] == b || x->v[2] == b;
         if (has_k && has_b)
-            return true;
+            return list[i];
     }
-    return false;
+    return MN_NONE;
+}
+
+static bool holds_all(const mni_simplex *x, const uint32_t v[3]) {
+    for (int i = 0; i < 3; i++)
+        if (x->v[0] != v[i] && x->v[1] != v[i] && x->v[2] != v[i])
+            return false;
+    return true;
+}
+
+/* The same for three hubs, whose lists are long: what was found out is kept. Those of a pencil are
+ * asked about by each of its thousands. */
+static bool trio_held(mni_judge *j, mni_surface *s, const uint32_t v[3]) {
+    uint32_t hash = (v[0] * 31 + v[1]) * 31 + v[2];
+    mni_trio *t = &j->trio[(hash * 0x9e3779b1u) >> 16 & (MNI_TRIOS - 1)];
+    bool same = memcmp(t->v, v, sizeof t->v) == 0;
+    if (same && t->triangle == MN_NONE && t->trios == s->trios)
+        return false;
+    if (same && t->triangle != MN_NONE && s->simplex[t->triangle].killed == MN_NONE &&
+        holds_all(&s->simplex[t->triangle], v))
+        return true;
+    s->walked += s->vertex[v[0]].fan.count;
+    *t = (mni_trio){{v[0], v[1], v[2]}, find_triangle(s, v[0], v[1], v[2]), s->trios};
+    return t->triangle != MN_NONE;
+}
+
+/* Whether an alive triangle holds all three. */
+static bool triangle_holds(mni_judge *j, mni_surface *s, uint32_t a, uint32_t b, uint32_t k) {
+    uint32_t low = a < b ? a : b, high = a < b ? b : a;
+    uint32_t v[3] = {k < low ? k : low, k < low ? low : k < high ? k : high, k > high ? k : high};
+    if (s->vertex[a].hub && s->vertex[b].hub && s->vertex[k].hub)
+        return trio_held(j, s, v);
+    return find_triangle(s, a, b, k) != MN_NONE;
 }
 
 /* Whether a triangle of r comes to lie on one that k has already: the last step of a closed
@@ -234,7 +266,7 @@ static bool doubles(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
         if (a == k || b == k || !in_ring(j, a, &at_a) || !in_ring(j, b, &at_b) ||
             j->ring[at_a].apexes == 0 || j->ring[at_b].apexes == 0)
             continue;
-        if (triangle_holds(s, a, b, k))
+        if (triangle_holds(j, s, a, b, k))
             return true;
     }
     return false;
@@ -284,7 +316,7 @@ static bool round_link(mni_judge *j, mni_surface *s, uint32_t k) {
         mni_surface_fetch_vertex(s, j->around[i]);
     }
     if (n == 3)
-        return !triangle_holds(s, j->around[1], j->around[2], k);
+        return !triangle_holds(j, s, j->around[1], j->around[2], k);
     bool short_k = mni_surface_wheel(s, k, &of_k);
     for (uint32_t i = 2; i < n - 1; i++) {
         uint32_t v = j->around[i];

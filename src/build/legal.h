@@ -28,6 +28,15 @@ typedef struct mni_ring_vertex {
     uint32_t group;
 } mni_ring_vertex;
 
+/* Three hubs, by number: the triangle that holds them; MN_NONE: none did when the surface had come
+ * to so many trios. */
+typedef struct mni_trio {
+    uint32_t v[3], triangle;
+    uint64_t trios;
+} mni_trio;
+
+enum { MNI_TRIOS = 64 };
+
 typedef struct mni_judge {
     float *normal; /* 3 × triangles: unit normals of the input; 0 for zero area */
     /* The ring looked at last. */
@@ -39,8 +48,9 @@ typedef struct mni_judge {
     mni_ring_vertex *ring;
     uint64_t *seen; /* a vertex: epoch << 32 | index in ring */
     uint32_t epoch;
-    bool stuck;     /* after mni_judge_link said no: r may go nowhere, whatever k is */
-    bool no_memory; /* sticky: the answers are worthless */
+    mni_trio trio[MNI_TRIOS]; /* hashed; the last that was asked about stays */
+    bool stuck;               /* after mni_judge_link said no: r may go nowhere, whatever k is */
+    bool no_memory;           /* sticky: the answers are worthless */
 } mni_judge;
 
 /* For a surface of which nothing has been collapsed. */

@@ -145,6 +145,7 @@ static bool is_hub(mni_simplifier *s, uint32_t r) {
     if (s->part.key != NULL)
         h->key = largest_key(s, r);
     v->hub = true;
+    s->surface.trios++;
     return true;
 }
 

@@ -339,6 +339,11 @@ static bool hinge_apexes(mni_surface *s, uint32_t r, uint32_t k, uint32_t dead, 
     return true;
 }
 
+static bool is_trio(const mni_surface *s, const mni_simplex *x) {
+    return x->v[2] != MN_NONE && s->vertex[x->v[0]].hub && s->vertex[x->v[1]].hub &&
+           s->vertex[x->v[2]].hub;
+}
+
 bool mni_surface_collapse(mni_surface *s, uint32_t r, uint32_t k, uint32_t collapse) {
     uint32_t count;
     mni_surface_fan(s, r, &count);
@@ -363,6 +368,7 @@ bool mni_surface_collapse(mni_surface *s, uint32_t r, uint32_t k, uint32_t colla
         if (!holds(x, k)) {
             x->v[x->v[0] == r ? 0 : x->v[1] == r ? 1 : 2] = k;
             s->pool[to->first + to->count++] = list[i];
+            s->trios += s->vertex[k].hub && is_trio(s, x);
             continue;
         }
         x->killed = collapse;
@@ -390,6 +396,8 @@ bool mni_surface_collapse_round(mni_surface *s, const mni_wheel *wheel, uint32_t
         moved[count] = wheel->simplex[i];
         count += !dies;
     }
+    for (uint32_t i = 0; i < count && s->vertex[k].hub; i++)
+        s->trios += is_trio(s, &s->simplex[moved[i]]);
     MN_ASSERT(count == wheel->count - 2);
     mni_fan *to = &s->vertex[k].fan;
     memcpy(&s->pool[to->first + to->count], moved, count * sizeof *moved);

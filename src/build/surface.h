@@ -78,6 +78,7 @@ typedef struct mni_surface {
     uint32_t *dead; /* scratch of one collapse: the triangles that died */
     uint32_t dead_room;
     uint64_t walked; /* entries of long lists, a walk each: what hubs cost */
+    uint64_t trios;  /* rises whenever three hubs may have come to be a simplex's corners */
 } mni_surface;
 
 /* Leaves alone, and their triangles. */
