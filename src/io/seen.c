@@ -16,8 +16,9 @@
 __extension__ typedef unsigned __int128 wide;
 
 #define PRIME ((UINT64_C(1) << 61) - 1)
-enum { ENTRIES_MIN = 16, PIECE_BYTES = 8 * MNI_SEEN_PIECE };
+enum { ENTRIES_MIN = 16, WAYS = 8, PIECE_BYTES = 8 * MNI_SEEN_PIECE };
 _Static_assert(MN_PAGE_BYTES % PIECE_BYTES == 0, "blocks are whole pieces");
+#define LINE_BYTES (WAYS * sizeof(uint64_t))
 #define KNOWN (UINT64_C(1) << 63) /* in a digest: so that none is 0 */
 
 static uint32_t entries_for(uint32_t entries_max) {
@@ -28,7 +29,7 @@ static uint32_t entries_for(uint32_t entries_max) {
 }
 
 size_t mni_seen_need(uint32_t entries_max) {
-    return mni_arena_need(entries_for(entries_max), sizeof(uint64_t), _Alignof(uint64_t));
+    return mni_arena_need(entries_for(entries_max), sizeof(uint64_t), LINE_BYTES);
 }
 
 /* value × factor + next, as some number below 2^61 + 8 that is the same modulo the prime; of values
@@ -42,9 +43,8 @@ static uint64_t step(uint64_t value, uint64_t factor, uint64_t next) {
 void mni_seen_open(mni_seen *seen, uint32_t entries_max, mni_arena *arena) {
     uint32_t entries = entries_for(entries_max);
     uint64_t drawn[MNI_SEEN_PIECE + 2];
-    *seen =
-        (mni_seen){.digest = mni_arena_take(arena, entries, sizeof(uint64_t), _Alignof(uint64_t)),
-                   .shift = 32 - (uint32_t)__builtin_ctz(entries)};
+    *seen = (mni_seen){.digest = mni_arena_take(arena, entries, sizeof(uint64_t), LINE_BYTES),
+                       .shift = 32 - (uint32_t)__builtin_ctz(entries / WAYS)};
     if (getrandom(drawn, sizeof drawn, GRND_NONBLOCK) != sizeof drawn)
         return;
     seen->point = (drawn[0] & PRIME) % PRIME;
@@ -103,15 +103,22 @@ uint64_t mni_seen_digest(const mni_seen *seen, mn_block_ref ref, const void *byt
     return value % PRIME | KNOWN;
 }
 
-static uint64_t *place(const mni_seen *seen, mn_block_ref ref) {
-    return &seen->digest[(ref.id * UINT32_C(2654435769)) >> seen->shift];
+static uint64_t *ways(const mni_seen *seen, mn_block_ref ref) {
+    return &seen->digest[WAYS * (size_t)((ref.id * UINT32_C(2654435769)) >> seen->shift)];
 }
 
 bool mni_seen_has(const mni_seen *seen, mn_block_ref ref, uint64_t digest) {
-    return seen->point != 0 && *place(seen, ref) == digest;
+    const uint64_t *way = ways(seen, ref);
+    bool has = false;
+    for (uint32_t i = 0; i < WAYS; i++)
+        has |= way[i] == digest;
+    return has && seen->point != 0;
 }
 
+/* The first of its line, which moves the others on: the last is forgotten. */
 void mni_seen_add(mni_seen *seen, mn_block_ref ref, uint64_t digest) {
+    uint64_t *way = ways(seen, ref);
     MN_ASSERT((digest & KNOWN) != 0);
-    *place(seen, ref) = digest;
+    memmove(way + 1, way, (WAYS - 1) * sizeof *way);
+    way[0] = digest;
 }

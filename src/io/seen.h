@@ -10,8 +10,8 @@
  * to the file while it is read, and knows all but the keys, passes no bytes unseen but by a chance
  * of 2^-56 for 8 KiB. Bytes at first sight are never known.
  *
- * Threads: one (I/O). Memory: 8 bytes an entry, from the arena; blocks that share an entry forget
- * each other. */
+ * Threads: one (I/O). Memory: 8 bytes an entry, from the arena. Eight entries are a line, for the
+ * blocks that fall on it: of more than eight it forgets the one that it has known for longest. */
 #ifndef MNI_SEEN_H
 #define MNI_SEEN_H
 
@@ -25,7 +25,7 @@
 enum { MNI_SEEN_PIECE = 128 }; /* words of 8 bytes */
 
 typedef struct mni_seen {
-    uint64_t *digest; /* by place; 0: none */
+    uint64_t *digest; /* by line; 0: none */
     uint32_t shift;
     uint64_t point; /* 0: no random numbers here, so nothing is ever known */
     uint64_t key[MNI_SEEN_PIECE + 1];
