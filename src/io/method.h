@@ -1,7 +1,7 @@
 /* Ways to read from a file: three tables of the same functions (uring, pread, and the simulated
  * disk of the tests), so that what drives them can be run on any.
  *
- * A read is submitted with a tag below MNI_DISK_DEPTH and comes back exactly once, by collect, with
+ * A read is submitted with a tag below MNI_DISK_TAGS and comes back exactly once, by collect, with
  * the bytes that it got or -errno; a tag is not used again before. Short reads, EINTR and EAGAIN
  * come back as they are: going on is the caller's business.
  *
@@ -19,6 +19,7 @@
 
 enum {
     MNI_DISK_DEPTH = 32, /* reads in flight: enough for a solid-state disk with blocks of 16 KiB */
+    MNI_DISK_TAGS = 2 * MNI_DISK_DEPTH, /* reads that have come while as many more are in flight */
     MNI_COLLECT_WAIT_US = 1000, /* a wait for a completion ends after this, to look at the board */
 };
 
@@ -55,6 +56,8 @@ typedef struct mni_method_desc {
 
 typedef struct mni_method {
     uint32_t depth; /* reads that may be in flight, at most MNI_DISK_DEPTH */
+    uint32_t tags;  /* with those that have come and are being looked at; depth: no read goes on
+                     * behind the caller's back, so there is none to look at meanwhile */
     bool own_time;  /* time is virtual and moves by advance only: use no thread */
     size_t (*need_bytes)(void);
     /* On failure nothing stays open; the caller may try another method with the same arena. */

@@ -63,6 +63,7 @@ static bool chunk_pread(void *self, uint32_t chunk, bool used) {
 
 const mni_method mni_method_pread = {
     .depth = 1,
+    .tags = 1,
     .need_bytes = need_bytes,
     .open = open_pread,
     .close = close_pread,

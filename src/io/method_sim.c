@@ -168,6 +168,7 @@ static void faults(void *self, bool on) {
 
 const mni_method mni_method_sim = {
     .depth = MNI_DISK_DEPTH,
+    .tags = MNI_DISK_DEPTH,
     .own_time = true,
     .need_bytes = need_bytes,
     .open = open_sim,

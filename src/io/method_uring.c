@@ -24,7 +24,7 @@ typedef struct uring_disk {
     bool sparse; /* the kernel has a table of buffers that can be filled in one by one */
     /* I/O only */
     struct io_uring ring;
-    mni_read read[MNI_DISK_DEPTH]; /* by tag */
+    mni_read read[MNI_DISK_TAGS]; /* by tag */
     uint32_t in_flight;
     /* written between frames while no read uses the chunk */
     uint32_t registered; /* chunks [0, registered) have been registered at open */
@@ -82,7 +82,7 @@ static void close_uring(void *self) {
 
 static bool submit(void *self, const mni_read *read) {
     uring_disk *disk = self;
-    MN_ASSERT(read->tag < MNI_DISK_DEPTH);
+    MN_ASSERT(read->tag < MNI_DISK_TAGS);
     struct io_uring_sqe *sqe = io_uring_get_sqe(&disk->ring);
     if (sqe == NULL)
         return false;
@@ -109,7 +109,7 @@ static uint32_t collect(void *self, mni_done *out, uint32_t max, bool wait) {
     uint32_t count = 0;
     while (count < max && io_uring_peek_cqe(&disk->ring, &cqe) == 0) {
         uint32_t tag = (uint32_t)io_uring_cqe_get_data64(cqe);
-        MN_ASSERT(tag < MNI_DISK_DEPTH && disk->in_flight > 0);
+        MN_ASSERT(tag < MNI_DISK_TAGS && disk->in_flight > 0);
         out[count++] = (mni_done){.tag = tag, .result = cqe->res};
         io_uring_cqe_seen(&disk->ring, cqe);
         disk->in_flight--;
@@ -128,6 +128,7 @@ static bool chunk_uring(void *self, uint32_t chunk, bool used) {
 
 const mni_method mni_method_uring = {
     .depth = MNI_DISK_DEPTH,
+    .tags = MNI_DISK_TAGS,
     .need_bytes = need_bytes,
     .open = open_uring,
     .close = close_uring,

@@ -15,6 +15,7 @@
 
 enum {
     SEEN_TIMES = 8,
+    SCOUTS_LEAVE = 4,       /* one read in so many, for what Navigate posts meanwhile */
     ACTS = 8,               /* blocks looked at before the disk is given more to read */
     FRUITLESS_MAX = 32,     /* EAGAIN and the like in a row, before a read has failed */
     PAUSE_NS = 1000 * 1000, /* when the kernel has no room for any read */
@@ -56,21 +57,30 @@ static uint64_t now_ns(void) {
     return mni_clock_ns(CLOCK_MONOTONIC);
 }
 
-/* Reads come to be under way, or end. */
-static void busy_add(mni_ioloop *loop, int32_t reads) {
+/* What has been under way until now. */
+static void busy_count(mni_ioloop *loop) {
     const uint64_t at_ns = now_ns(), since_ns = at_ns - loop->busy_since_ns;
     if (loop->busy > 0) {
         loop->news.busy_ns += since_ns;
-        loop->news.depth_ns += since_ns * loop->busy;
+        loop->news.depth_ns += since_ns * loop->reading;
     }
     loop->busy_since_ns = at_ns;
-    loop->busy += (uint32_t)reads;
 }
 
 static void request_free(mni_ioloop *loop, mni_request *request) {
-    MN_ASSERT(request->state != MNI_REQUEST_FREE && loop->busy > 0);
+    MN_ASSERT(request->state == MNI_REQUEST_COME || request->state == MNI_REQUEST_AGAIN);
+    busy_count(loop);
+    loop->reading -= request->state == MNI_REQUEST_AGAIN;
     request->state = MNI_REQUEST_FREE;
-    busy_add(loop, -1);
+    loop->busy--;
+    MN_ASSERT(loop->busy >= loop->reading);
+}
+
+static void request_again(mni_ioloop *loop, mni_request *request) {
+    MN_ASSERT(request->state == MNI_REQUEST_COME && loop->busy > loop->reading);
+    busy_count(loop);
+    request->state = MNI_REQUEST_AGAIN;
+    loop->reading++;
 }
 
 static void fail(mni_ioloop *loop, mni_request *request, bool io, const char *why) {
@@ -194,11 +204,9 @@ static void complete(mni_ioloop *loop, mni_request *request) {
 
 /* One completion of a read: done, more to come, once more, or failed. */
 static void act(mni_ioloop *loop, const mni_done *done) {
-    MN_ASSERT(done->tag < MNI_DISK_DEPTH);
     mni_request *request = &loop->request[done->tag];
-    MN_ASSERT(request->state == MNI_REQUEST_IN_FLIGHT);
+    MN_ASSERT(request->state == MNI_REQUEST_COME);
     const uint32_t length_bytes = request->read.length_bytes;
-    request->state = MNI_REQUEST_AGAIN;
     MNI_TRACE(MN_TRACE_ARRIVED, done->result < 0, request->load.ref.id,
               (uint32_t)(done->result < 0 ? -done->result : done->result));
     if (done->result < 0) {
@@ -206,6 +214,8 @@ static void act(mni_ioloop *loop, const mni_done *done) {
         bool passing = error == EAGAIN || error == EINTR || error == EBUSY || error == ENOMEM;
         if (!passing || ++request->fruitless == FRUITLESS_MAX)
             fail(loop, request, true, "it cannot be read");
+        else
+            request_again(loop, request);
         return;
     }
     MN_ASSERT((uint32_t)done->result <= length_bytes - request->done_bytes);
@@ -225,6 +235,8 @@ static void act(mni_ioloop *loop, const mni_done *done) {
         complete(loop, request);
     else if (request->fruitless == FRUITLESS_MAX)
         fail(loop, request, true, "it comes in pieces too small to read");
+    else
+        request_again(loop, request);
 }
 
 /* ---- starting -------------------------------------------------------------------------------- */
@@ -247,8 +259,8 @@ static bool submit(mni_ioloop *loop, uint32_t tag) {
  * side there, and the kernel makes one request of neighbours that come one after the other. Returns
  * how many are in flight. */
 static uint32_t submit_all(mni_ioloop *loop) {
-    uint32_t in_flight = 0, count = 0, waiting[MNI_DISK_DEPTH];
-    for (uint32_t tag = 0; tag < MNI_DISK_DEPTH && loop->busy > 0; tag++) {
+    uint32_t in_flight = 0, count = 0, waiting[MNI_DISK_TAGS];
+    for (uint32_t tag = 0; tag < MNI_DISK_TAGS && loop->reading > 0; tag++) {
         in_flight += loop->request[tag].state == MNI_REQUEST_IN_FLIGHT;
         if (loop->request[tag].state != MNI_REQUEST_AGAIN)
             continue;
@@ -280,11 +292,9 @@ static bool next_scout(mni_ioloop *loop, mni_command *out) {
     return false;
 }
 
-/* What Navigate has posted, then what the scouts have found; these leave some of the disk for what
- * Navigate posts meanwhile. */
-static bool next_command(mni_ioloop *loop, uint32_t depth, mni_command *out) {
+/* What Navigate has posted, then what the scouts have found; these leave some of the room. */
+static bool next_command(mni_ioloop *loop, uint32_t room, uint32_t leave, mni_command *out) {
     if (loop->next == loop->fetched_count) {
-        uint32_t room = depth - loop->busy;
         loop->next = 0;
         loop->fetched_count = mni_board_fetch(loop->board, loop->fetched,
                                               room < MNI_DISK_DEPTH ? room : MNI_DISK_DEPTH);
@@ -293,7 +303,7 @@ static bool next_command(mni_ioloop *loop, uint32_t depth, mni_command *out) {
         *out = loop->fetched[loop->next++];
         return true;
     }
-    return loop->busy < depth - depth / 4 && next_scout(loop, out);
+    return room > leave && next_scout(loop, out);
 }
 
 /* Takes a command as far as a read, or ends it. false: it waits for a place. */
@@ -304,12 +314,14 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
         uint32_t tag = 0;
         while (loop->request[tag].state != MNI_REQUEST_FREE)
             tag++;
-        MN_ASSERT(tag < MNI_DISK_DEPTH);
+        MN_ASSERT(tag < MNI_DISK_TAGS);
+        busy_count(loop);
         loop->request[tag] = (mni_request){.state = MNI_REQUEST_AGAIN,
                                            .command = *command,
                                            .load = load,
                                            .read = place_of(loop, &load, tag)};
-        busy_add(loop, 1);
+        loop->busy++;
+        loop->reading++;
         if (loop->request[tag].read.length_bytes == 0)
             fail(loop, &loop->request[tag], false, "no block begins there");
         return true;
@@ -334,14 +346,29 @@ static bool begin(mni_ioloop *loop, const mni_command *command) {
     return false;
 }
 
+/* As many as the disk has room for, and the extents. */
+static uint32_t most_of(const mni_ioloop *loop, uint32_t of_method) {
+    if (loop->serial)
+        return 1;
+    return loop->extents == NULL || of_method < loop->extents->slot_count
+               ? of_method
+               : loop->extents->slot_count;
+}
+
+/* How many more reads may begin: in flight, and with those that are to be looked at. */
+static uint32_t room_of(const mni_ioloop *loop, uint32_t depth) {
+    const uint32_t tags = most_of(loop, loop->disk->method->tags);
+    const uint32_t flights = loop->reading < depth ? depth - loop->reading : 0;
+    const uint32_t looks = loop->busy < tags ? tags - loop->busy : 0;
+    return flights < looks ? flights : looks;
+}
+
 /* As many commands as the disk takes. */
 static void begin_all(mni_ioloop *loop) {
-    uint32_t depth = loop->serial ? 1 : loop->disk->method->depth;
-    if (loop->extents != NULL && depth > loop->extents->slot_count)
-        depth = loop->extents->slot_count;
+    const uint32_t depth = most_of(loop, loop->disk->method->depth), leave = depth / SCOUTS_LEAVE;
     mni_command command;
-    while (loop->busy < depth && next_command(loop, depth, &command))
-        if (!begin(loop, &command))
+    for (uint32_t room; (room = room_of(loop, depth)) > 0;)
+        if (!next_command(loop, room, leave, &command) || !begin(loop, &command))
             break;
 }
 
@@ -351,19 +378,34 @@ static void fetch(const mni_ioloop *loop, const mni_done *done) {
         __builtin_prefetch((const unsigned char *)read->bytes + at);
 }
 
-/* What has come may have scouts, or places for those that wait; and the disk must not stand idle
- * while blocks are looked at: so it is given more to read again and again. What a disk has written
- * is in no cache: while one block is looked at, the next one is fetched. */
+/* Has the disk read on while blocks are looked at. */
+static void read_on(mni_ioloop *loop) {
+    begin_all(loop);
+    if (submit_all(loop) > 0)
+        (void)loop->disk->method->collect(loop->disk->self, NULL, 0, false);
+}
+
+/* The disk must not stand idle while blocks are looked at: so it is given as many more to read
+ * before, and again and again, since what has come may have scouts, or places for those that wait.
+ * What a disk has written is in no cache: while one block is looked at, the next one is fetched. */
 static void act_all(mni_ioloop *loop, const mni_done *done, uint32_t count) {
+    if (count == 0)
+        return;
+    busy_count(loop);
+    for (uint32_t i = 0; i < count; i++) {
+        MN_ASSERT(loop->request[done[i].tag].state == MNI_REQUEST_IN_FLIGHT);
+        loop->request[done[i].tag].state = MNI_REQUEST_COME;
+    }
+    MN_ASSERT(loop->reading >= count);
+    loop->reading -= count;
+    if (loop->disk->method->tags > loop->disk->method->depth)
+        read_on(loop);
     for (uint32_t i = 0; i < count; i++) {
         if (i + 1 < count)
             fetch(loop, &done[i + 1]);
         act(loop, &done[i]);
-        if ((i + 1) % ACTS != 0 && i + 1 < count)
-            continue;
-        begin_all(loop);
-        if (submit_all(loop) > 0 && i + 1 < count)
-            (void)loop->disk->method->collect(loop->disk->self, NULL, 0, false);
+        if ((i + 1) % ACTS == 0 || i + 1 == count)
+            read_on(loop);
     }
 }
 
@@ -398,6 +440,7 @@ bool mni_ioloop_step(mni_ioloop *loop, bool wait) {
 
 static void *run(void *context) {
     mni_ioloop *loop = context;
+    (void)pthread_setname_np(pthread_self(), "metanode-io");
     mni_lock_time_holds();
     loop->cpu_ns = 0;
     do {
@@ -431,7 +474,7 @@ void mni_ioloop_stop(mni_ioloop *loop) {
     /* What nobody has begun is given up; a simulated disk still has reads in flight. */
     loop->rate = NULL;
     mni_trace_ring *before = mni_trace_swap(loop->trace);
-    while (next_command(loop, UINT32_MAX, &command)) {
+    while (next_command(loop, UINT32_MAX, 0, &command)) {
         loop->news.ended[command.kind][MNI_END_GIVEN_UP]++;
         mni_command_trace_end(&command, MNI_END_GIVEN_UP);
     }

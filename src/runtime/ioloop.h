@@ -18,8 +18,9 @@
 #include "trace.h"
 
 typedef enum mni_request_state {
-    MNI_REQUEST_FREE = 0,  /* then IN_FLIGHT */
-    MNI_REQUEST_IN_FLIGHT, /* the disk has it; exactly one completion; then FREE or AGAIN */
+    MNI_REQUEST_FREE = 0,  /* then AGAIN */
+    MNI_REQUEST_IN_FLIGHT, /* the disk has it; exactly one completion; then COME */
+    MNI_REQUEST_COME,      /* to be looked at; then FREE or AGAIN */
     MNI_REQUEST_AGAIN, /* to be submitted (again): short, EINTR, EAGAIN, no room; then IN_FLIGHT */
 } mni_request_state;
 
@@ -48,12 +49,13 @@ typedef struct mni_ioloop {
     bool has_thread;
     pthread_t thread;
     /* I/O only */
-    mni_request request[MNI_DISK_DEPTH]; /* by tag */
+    mni_request request[MNI_DISK_TAGS];  /* by tag */
     uint32_t busy;                       /* requests that are not FREE */
+    uint32_t reading;                    /* those that are not COME either */
     mni_command fetched[MNI_DISK_DEPTH]; /* from the board, [next, fetched_count) not begun yet */
     uint32_t next, fetched_count;
     mni_board_news news;
-    uint64_t busy_since_ns; /* busy has been what it is */
+    uint64_t busy_since_ns; /* busy and reading have been what they are */
     uint64_t cpu_ns;        /* of this thread, told so far; UINT64_MAX: it has none of its own */
     mni_seen seen;          /* blocks that have been checked */
     mni_scouts scouts;

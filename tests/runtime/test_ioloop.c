@@ -1,6 +1,7 @@
 /* Goal: whatever one read does, its command ends once, its place holder comes back, and the block
  * can be had later; an undisturbed run is the same afterwards.
- * What has been checked is not checked again while its bytes stay.
+ * What has been checked is not checked again while its bytes stay; while blocks are looked at the
+ * disk reads on, as deep as it goes.
  * Method: pool, board and loop by hand on a scripted disk; the Nth completion is bent in each way,
  * for N = 1, 2, … until N is never reached; blocks read again and again, and changed in between. */
 #include <check.h>
@@ -98,6 +99,7 @@ static bool scripted_advance(void *self, uint64_t until_ns) {
 }
 
 static const mni_method METHOD = {.depth = 4,
+                                  .tags = 6,
                                   .own_time = true,
                                   .submit = scripted_submit,
                                   .collect = scripted_collect,
@@ -320,12 +322,58 @@ START_TEST(seen_blocks_are_checked_once) {
 }
 END_TEST
 
+/* How many reads are in flight while each block is looked at. */
+typedef struct watch {
+    const machine *m;
+    uint32_t looked_at, in_flight[64];
+} watch;
+
+static bool watched_check(const void *context, const void *bytes, uint32_t length_bytes) {
+    watch *const *at = context;
+    watch *w = *at;
+    const mni_ioloop *loop = &w->m->loop;
+    ck_assert_uint_eq(loop->reading, w->m->script.waits);
+    ck_assert_uint_le(loop->reading, METHOD.depth);
+    ck_assert_uint_lt(loop->reading, loop->busy); /* the one looked at */
+    ck_assert_uint_le(loop->busy, METHOD.tags);
+    w->in_flight[w->looked_at++] = loop->reading;
+    return made_check(NULL, bytes, length_bytes);
+}
+
+START_TEST(disk_reads_on_meanwhile) {
+    machine m;
+    watch w = {.m = &m};
+    watch *const at = &w;
+    mni_command command[64 + 64]; /* and room for those of the ring */
+    mni_batch batch = {.command = command};
+    machine_open(&m, BEND_EIO, 0, 0);
+    m.loop.check = watched_check;
+    m.loop.check_context = &at;
+    m.loop.serial = _i == 1;
+    for (uint32_t b = 0; b < m.file.blocks; b++) {
+        const made_block *block = &m.file.block[b];
+        const uint32_t parent = block->parent == MN_NONE ? 0 : m.file.block[block->parent].ref.id;
+        command[batch.count++] =
+            (mni_command){.ref = block->ref, .parent_id = parent, .sponsor = MN_NONE};
+    }
+    ck_assert_uint_eq(mni_board_post(&m.board, &batch), 0);
+    while (mni_ioloop_step(&m.loop, false)) {
+    }
+    ck_assert_uint_eq(w.looked_at, m.file.blocks);
+    for (uint32_t i = 0; i < METHOD.depth; i++) /* those that the disk is given at first */
+        ck_assert_uint_eq(w.in_flight[i], _i == 1 ? 0 : METHOD.tags - METHOD.depth);
+    ck_assert_uint_eq(w.in_flight[w.looked_at - 1], 0);
+    machine_close(&m);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("ioloop");
     TCase *tests = tcase_create("ioloop");
     tcase_add_loop_test(tests, one_read_goes_wrong, 0, BENDS);
     tcase_add_test(tests, endless_eagain_fails);
     tcase_add_test(tests, seen_blocks_are_checked_once);
+    tcase_add_loop_test(tests, disk_reads_on_meanwhile, 0, 2);
     suite_add_tcase(suite, tests);
     return suite_run(suite);
 }
