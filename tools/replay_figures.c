@@ -211,6 +211,8 @@ static void json_totals(json *j, const mn_session_stats *t) {
     json_f64(j, "nav_lock_wait_us_max", 1e-3 * (double)t->nav_lock_wait_ns_max);
     json_f64(j, "io_busy_seconds", 1e-9 * (double)t->io_busy_ns);
     json_f64(j, "io_depth_mean", mean_of((double)t->io_depth_ns, t->io_busy_ns));
+    json_f64(j, "io_full_seconds", 1e-9 * (double)t->io_full_ns);
+    json_u64(j, "io_full_bytes", t->io_full_bytes);
     json_f64(j, "io_cpu_seconds", 1e-9 * (double)t->io_cpu_ns);
     json_f64(j, "io_lock_hold_us_max", 1e-3 * (double)t->io_lock_hold_ns_max);
 }

@@ -163,9 +163,12 @@ typedef struct mn_session_stats {
     uint64_t checksum_failures, io_errors;
     uint64_t nav_lock_waits, nav_lock_wait_ns_max; /* Navigate's waits for a lock, in frames */
     /* Of reads that were in flight, or whose blocks were looked at; 0: simulated */
-    uint64_t io_busy_ns;          /* while there were any */
-    uint64_t io_depth_ns;         /* summed over them: over the first, how many on average */
-    uint64_t io_cpu_ns;           /* of the processor, of the I/O thread; 0: simulated */
+    uint64_t io_busy_ns;    /* while there were any */
+    uint64_t io_depth_ns;   /* summed over those in flight: over the first, how many on average */
+    uint64_t io_full_ns;    /* from reads that came to the next, the disk having as many as it
+                             * takes in between, blocks that came being looked at meanwhile … */
+    uint64_t io_full_bytes; /* … what came */
+    uint64_t io_cpu_ns;     /* of the processor, of the I/O thread; 0: simulated */
     uint64_t io_lock_hold_ns_max; /* longest hold of the pool's by the I/O thread */
 } mn_session_stats;
 

@@ -360,11 +360,16 @@ void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, m
 
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out) {
     MN_ASSERT(subtree < view->subtrees);
-    uint64_t row = (uint64_t)subtree * view->subtree_bits;
-    out->node = get(view->edge, view->subtree_rows, row, FIELD_NODE);
-    out->leaf_lo =
-        mni_base(view->base, BASE_LO) + get(view->edge, view->subtree_rows, row, FIELD_LO);
-    out->leaf_hi = out->leaf_lo + 2 + get(view->edge, view->subtree_rows, row, FIELD_SIZE);
+    const uint64_t row = (uint64_t)subtree * view->subtree_bits;
+    uint32_t value[3]; /* node, lo, size */
+    if (view->subtree_bits <= WORD)
+        get_some(view->edge, view->subtree_rows, row, FIELD_NODE, value, 3);
+    else
+        for (uint32_t i = 0; i < 3; i++)
+            value[i] = get(view->edge, view->subtree_rows, row, FIELD_NODE + i);
+    out->node = value[0];
+    out->leaf_lo = mni_base(view->base, BASE_LO) + value[1];
+    out->leaf_hi = out->leaf_lo + 2 + value[2];
 }
 
 bool mni_facts_equal(const mni_facts *a, const mni_facts *b) {

@@ -182,6 +182,8 @@ void mni_board_tell(mni_board *board, mni_board_news *news) {
     board->counts.checked += news->checked;
     board->counts.busy_ns += news->busy_ns;
     board->counts.depth_ns += news->depth_ns;
+    board->counts.full_ns += news->full_ns;
+    board->counts.full_bytes += news->full_bytes;
     board->counts.cpu_ns += news->cpu_ns;
     MN_ASSERT(unended(board) == board->open);
     if (board->open == 0)

@@ -78,7 +78,7 @@ typedef struct mni_board_counts {
     uint64_t posted[MNI_COMMANDS];
     uint64_t ended[MNI_COMMANDS][MNI_ENDS];
     uint64_t checked; /* blocks whose contents were looked at */
-    uint64_t busy_ns, depth_ns, cpu_ns;
+    uint64_t busy_ns, depth_ns, full_ns, full_bytes, cpu_ns;
 } mni_board_counts;
 
 /* What a frame posts, and what it takes back. */
@@ -93,9 +93,11 @@ typedef struct mni_batch {
 typedef struct mni_board_news {
     uint32_t own; /* prefetches that it has posted to itself */
     uint32_t ended[MNI_COMMANDS][MNI_ENDS];
-    uint32_t checked;           /* blocks whose contents were looked at */
-    uint64_t busy_ns, depth_ns; /* with reads in flight; and that times how many */
-    uint64_t cpu_ns;            /* of the processor */
+    uint32_t checked;             /* blocks whose contents were looked at */
+    uint64_t busy_ns, depth_ns;   /* with reads in flight; and that times how many */
+    uint64_t full_ns, full_bytes; /* from one coming to the next, the disk having as many as it
+                                   * takes in between; and what came */
+    uint64_t cpu_ns;              /* of the processor */
 } mni_board_news;
 
 typedef struct mni_command_ring {

@@ -165,7 +165,7 @@ static uint32_t take_place(mni_pool *pool, mni_places places, bool urgent) {
     if (!place_is_for(pool, places))
         return MNI_NO_SLOT;
     uint32_t slot = mni_freelist_take(&pool->free, &pool->holders);
-    if (slot == MNI_NO_SLOT && urgent) {
+    if (slot == MNI_NO_SLOT && urgent && pool->prefetch == MN_PREFETCH_NEIGHBOURS) {
         slot = find_victim(pool);
         pool->stats.evictions += slot != MNI_NO_SLOT;
     }

@@ -362,6 +362,8 @@ static void stats(void *self, mn_session_stats *out) {
     if (!p->disk.method->own_time) {
         out->io_busy_ns = counts.busy_ns;
         out->io_depth_ns = counts.depth_ns;
+        out->io_full_ns = counts.full_ns;
+        out->io_full_bytes = counts.full_bytes;
     }
     out->prefetches = counts.posted[MNI_COMMAND_PREFETCH];
     out->urgent_up = counts.posted[MNI_COMMAND_URGENT_UP];

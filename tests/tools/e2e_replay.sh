@@ -139,7 +139,7 @@ same_figures() {
         for run in first second; do
             expect 0 "repeat $io" replay "$model-packed.mnt" --path dive --frames 60 -K 12 --io "$io" --io-serial \
                 --seed 7 --fps 0 --settle --json --csv "$run.csv" || return 0
-            grep -vE '"(nav_ms|nav_cpu_ms|io_busy|io_depth|io_cpu|rss|gl_rss|nav_lock|io_lock|start_seconds|opening_seconds)' "$out" >"$run.json"
+            grep -vE '"(nav_ms|nav_cpu_ms|io_busy|io_depth|io_full|io_cpu|rss|gl_rss|nav_lock|io_lock|start_seconds|opening_seconds)' "$out" >"$run.json"
             awk -F, 'NR == 1 {for (i = 1; i <= NF; i++) if ($i == "nav_ms") c = i} {$c = ""; print}' "$run.csv" \
                 >"$run.rows"
         done
