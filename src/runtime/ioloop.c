@@ -393,13 +393,17 @@ static void hasten(mni_ioloop *loop) {
         start_some(loop, AHEAD);
 }
 
-/* What has come since the last, if the disk has had as much to read as it takes from then on. */
+/* What has come since the last, if the disk has had as much to read as it takes from then on; but
+ * for as many as were under way before it had. */
 static void full_count(mni_ioloop *loop, const mni_done *done, uint32_t count) {
     if (loop->full_since_ns == 0)
         return;
     loop->news.full_ns += loop->busy_since_ns - loop->full_since_ns;
     for (uint32_t i = 0; i < count; i++)
-        loop->news.full_bytes += done[i].result > 0 ? (uint32_t)done[i].result : 0;
+        if (loop->full_old > 0)
+            loop->full_old--;
+        else
+            loop->news.full_bytes += done[i].result > 0 ? (uint32_t)done[i].result : 0;
 }
 
 /* The disk must not stand idle while blocks are looked at: so it is given as many more to read
@@ -417,6 +421,7 @@ static void act_all(mni_ioloop *loop, const mni_done *done, uint32_t count) {
     }
     MN_ASSERT(loop->reading >= count);
     loop->reading -= count;
+    loop->full_old = loop->full_since_ns == 0 ? loop->reading : loop->full_old;
     hasten(loop);
     if (loop->disk->method->tags > loop->disk->method->depth)
         start_some(loop, UINT32_MAX);

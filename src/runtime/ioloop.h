@@ -55,6 +55,7 @@ typedef struct mni_ioloop {
     mni_command fetched[MNI_DISK_DEPTH]; /* from the board, [next, fetched_count) not begun yet */
     uint32_t next, fetched_count;
     mni_board_news news;
+    uint32_t full_old;      /* reads under way when it came to be so that have not come yet */
     uint64_t full_since_ns; /* the last came, and the disk has as many as it takes since; or 0 */
     uint64_t busy_since_ns; /* busy and reading have been what they are */
     uint64_t cpu_ns;        /* of this thread, told so far; UINT64_MAX: it has none of its own */
