@@ -2,11 +2,11 @@
 #include "build_steps.h"
 
 #include <getopt.h>
-#include <malloc.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "cap.h"
 #include "host.h"
 
 static const char *const metric_names[] = {"qem", "length", NULL};      /* by mn_metric */
@@ -153,11 +153,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
     if (temp_place(&b->temp, b->out, w.temp_dir, w.resume, &b->st) != MN_OK)
         return (mn_code)cli_status(&b->st);
     b->simplify.temp_dir = b->temp.folder;
-    /* What cells take comes and goes: a heap would keep it, and more with each cell. */
-    mallopt(M_MMAP_THRESHOLD, MMAP_BYTES);
-    mallopt(M_ARENA_MAX, 1);
-    if (host_ram_bytes("") < 2 * b->ram_bytes) /* a cgroup of about the cap */
-        mn_readahead_off();
+    cap_keep(b->ram_bytes);
     cli_interrupts_catch();
     return MN_OK;
 }

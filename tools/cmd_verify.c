@@ -4,12 +4,15 @@
 
 #include <stdio.h>
 
+#include "cap.h"
 #include "host.h"
 #include "json.h"
 #include "metanode/build.h"
+#include "temp.h"
 
 static const char help[] =
-    "usage: metanode verify FILE [--against IN] [--ram SIZE] [--weld on|off] [--json]\n\n"
+    "usage: metanode verify FILE [--against IN] [--ram SIZE] [--temp-dir DIR] [--weld on|off] "
+    "[--json]\n\n"
     "Reads the whole .mnt or .vdt: checksums, places, structure inside blocks and across them, "
     "and\n"
     "that the header counts what is there. Exit 3 and one line for the first thing that is "
@@ -19,41 +22,14 @@ static const char help[] =
     "                  must be one of its edges\n"
     "  --weld on|off   as the file was built; without it, the one that gives as many vertices\n"
     "  --reader own|openmesh\n"
-    "  --ram SIZE      cap for the whole process; a .mnt alone needs 5M for any size. A .vdt is\n"
-    "                  held in memory, 120 bytes a vertex, and with --against both meshes and\n"
-    "                  their edges, 430; where that does not fit it is refused. Default: half of\n"
-    "                  the memory, or of what the cgroup allows\n"
+    "  --ram SIZE      cap for the whole process, whatever the file's size: 5M, with --against\n"
+    "                  about 11M. A .vdt is held in memory, 120 bytes a vertex; where that does\n"
+    "                  not fit it is refused. Default: half of the memory, or of what the cgroup\n"
+    "                  allows\n"
+    "  --temp-dir DIR  with --against: where temporary files go (default: beside FILE)\n"
     "  --json          figures as one JSON object\n";
 
 static const char *const reader_names[] = {"own", "openmesh", NULL};
-
-/* How many vertices the file holds; 0: it cannot be told, verify will say why. */
-static uint64_t vertices_in(const char *path) {
-    mn_header header;
-    mn_status ignored = {0};
-    return mn_header_read(path, &header, &ignored) == MN_OK ? header.leaves : 0;
-}
-
-static mn_code read_input(const char *file, const char *path, mn_read_desc *desc, int weld,
-                          mn_mesh *mesh, mn_status *st) {
-    desc->weld = weld == MN_WELD_OFF ? MN_WELD_OFF : MN_WELD_ON;
-    mn_code code = mn_mesh_read(path, desc, mesh, st);
-    uint64_t wanted = vertices_in(file);
-    if (code != MN_OK || weld >= 0 || wanted == 0 || mesh->vertices == wanted)
-        return code;
-    mn_mesh apart;
-    mn_status ignored = {0};
-    desc->weld = MN_WELD_OFF;
-    if (mn_mesh_read(path, desc, &apart, &ignored) != MN_OK)
-        return MN_OK; /* the welded one will have to do */
-    if (apart.vertices == wanted) {
-        mn_mesh swap = *mesh;
-        *mesh = apart;
-        apart = swap;
-    }
-    mn_mesh_free(&apart);
-    return MN_OK;
-}
 
 static void report(const char *file, const char *against, const mn_verify_result *r, bool as_json) {
     if (!as_json) {
@@ -83,15 +59,16 @@ static void report(const char *file, const char *against, const mn_verify_result
 }
 
 int cmd_verify(int argc, char **argv) {
-    const char *against = NULL;
+    mn_verify_desc desc = {.ram_bytes = host_default_ram_bytes()};
+    const char *temp_dir = NULL;
     int weld = -1, reader = 0;
-    uint64_t ram_bytes = host_default_ram_bytes();
     bool as_json = false, done;
     const cli_flag flags[] = {
-        CLI_TEXT("against", &against),
+        CLI_TEXT("against", &desc.against),
         CLI_CHOICE("weld", &weld, cli_on_off, "on or off"),
         CLI_CHOICE("reader", &reader, reader_names, "own or openmesh"),
-        CLI_SIZE("ram", &ram_bytes, 1, UINT64_MAX, "a size like 64M"),
+        CLI_SIZE("ram", &desc.ram_bytes, 1, UINT64_MAX, "a size like 64M"),
+        CLI_TEXT("temp-dir", &temp_dir),
         CLI_SWITCH("json", &as_json),
         {0},
     };
@@ -102,25 +79,24 @@ int cmd_verify(int argc, char **argv) {
         return cli_error(MN_USAGE, "verify: one file, please; see metanode verify --help");
     const char *file = argv[optind];
     cli_meter meter = {0};
-    mn_read_desc desc = {.reader = (mn_reader)reader,
-                         .ram_bytes = ram_bytes,
-                         .progress = cli_progress,
-                         .progress_context = &meter};
+    temp_files temp;
     mn_verify_result result;
-    mn_mesh mesh;
     mn_status st = {0};
-    if (against != NULL || mn_tree_is_vdt(file))
-        code = mn_tree_fits(file, against != NULL ? MN_TREE_COMPARE : MN_TREE_LOAD, ram_bytes, &st);
-    if (code == MN_OK && against != NULL)
-        code = read_input(file, against, &desc, weld, &mesh, &st);
-    if (code == MN_OK) {
-        code = mn_verify(file, against != NULL ? &mesh : NULL, ram_bytes, CLI_WATCH(&meter),
-                         &result, &st);
-        if (against != NULL)
-            mn_mesh_free(&mesh);
-    }
+    cap_keep(desc.ram_bytes);
+    desc.either_weld = weld < 0;
+    desc.read = (mn_read_desc){.weld = weld == MN_WELD_OFF ? MN_WELD_OFF : MN_WELD_ON,
+                               .reader = (mn_reader)reader,
+                               .progress = cli_progress,
+                               .progress_context = &meter};
+    code = temp_place(&temp, file, temp_dir, false, &st);
+    desc.temp_dir = temp.folder;
+    if (code == MN_OK && mn_tree_is_vdt(file))
+        code = mn_tree_fits(file, desc.against != NULL ? MN_TREE_COMPARE : MN_TREE_LOAD,
+                            desc.ram_bytes, &st);
+    if (code == MN_OK)
+        code = mn_verify(file, &desc, &result, &st);
     cli_progress_end(&meter);
     if (code == MN_OK)
-        report(file, against, &result, as_json);
+        report(file, desc.against, &result, as_json);
     return cli_status(&st);
 }

@@ -275,13 +275,21 @@ typedef struct mn_verify_result {
     uint64_t merged_positions;  /* with against: its positions that fall together on the grid */
 } mn_verify_result;
 
+typedef struct mn_verify_desc {
+    const char *against; /* a mesh; NULL: none */
+    mn_read_desc read;   /* how that is read; its progress is told of all. ram_bytes is not asked */
+    bool either_weld;    /* the mesh is welded or not, as it then has as many vertices */
+    uint64_t ram_bytes;  /* of the process; 0: no bound */
+    const char *temp_dir; /* with against; NULL: the working directory */
+} mn_verify_desc;
+
 /* Reads the whole .mnt (or .vdt): header, every block once, structure across blocks, and with
- * `against` (may be NULL) that full detail is that mesh on the file's grid, triangle for triangle,
- * and each hinge an edge of it. A .mnt alone is read within ram_bytes for the process (0: no
- * bound), whatever its size: MN_CAP_TOO_SMALL names what would do. MN_BAD_INPUT names the first
- * thing that is wrong. */
-mn_code mn_verify(const char *path, const mn_mesh *against, uint64_t ram_bytes,
-                  const mn_watch *watch, mn_verify_result *out, mn_status *st);
+ * `against` that full detail is that mesh on the file's grid, triangle for triangle, and each hinge
+ * an edge of it. desc may be NULL. MN_BAD_INPUT names the first thing that is wrong. A .mnt may be
+ * of any size: MN_CAP_TOO_SMALL names what would do; a .vdt is loaded (mn_tree_fits). MN_NO_SPACE:
+ * temporary files filled the disk. */
+mn_code mn_verify(const char *path, const mn_verify_desc *desc, mn_verify_result *out,
+                  mn_status *st);
 
 /* What is done with a tree in memory. */
 typedef enum mn_tree_use {
@@ -289,7 +297,7 @@ typedef enum mn_tree_use {
     MN_TREE_EXTRACT,  /* and mn_tree_extract, a prefix front or all of it */
     MN_TREE_SETTLE,   /* of a tolerance */
     MN_TREE_BLOCK,    /* mn_block_write */
-    MN_TREE_COMPARE,  /* mn_verify against a mesh of its size, which is in memory too */
+    MN_TREE_COMPARE,  /* mn_verify of a .vdt against a mesh */
 } mn_tree_use;
 /* Whether the process stays below ram_bytes (0: no bound) when it does that, by what the file's
  * header says. MN_CAP_TOO_SMALL names what would do. */

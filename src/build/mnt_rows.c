@@ -722,6 +722,10 @@ static mn_code plan_memory(walk *w) {
     return w->mark != NULL ? MN_OK : no_memory(w);
 }
 
+uint64_t mni_mnt_walk_bytes(const mn_header *header) {
+    return 2 * blocks_bytes(header) + ROOM_LEAST;
+}
+
 mn_code mni_mnt_open(mni_mnt *mnt, const char *path, mn_status *st) {
     *mnt = (mni_mnt){.path = path, .stored = {.in = {.fd = -1}}};
     mn_code code = mn_header_read(path, &mnt->header, st);

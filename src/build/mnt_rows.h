@@ -43,6 +43,8 @@ typedef struct mni_mnt_desc {
     const char *phase; /* what it is told */
 } mni_mnt_desc;
 
+/* What the cap must have room for beside the program and held_bytes; less may do. */
+uint64_t mni_mnt_walk_bytes(const mn_header *header);
 /* MN_BAD_INPUT names the first thing that is wrong; MN_CAP_TOO_SMALL, what would do. */
 mn_code mni_mnt_walk(mni_mnt *mnt, const mni_mnt_desc *desc, const mni_mnt_sink *sink,
                      mn_status *st);

@@ -10,7 +10,7 @@
 
 typedef struct size {
     uint64_t leaves, simplices, triangles;
-    bool vdt, has_colors, has_hinges;
+    bool vdt, has_colors;
 } size;
 
 static mn_code size_of(const char *path, size *s, mn_status *st) {
@@ -23,12 +23,7 @@ static mn_code size_of(const char *path, size *s, mn_status *st) {
             return code;
         code = mni_vdt_header_read(&in, path, &h, &facts, st);
         mni_in_close(&in);
-        *s = (size){h.leaves,
-                    h.simplices,
-                    h.triangles,
-                    true,
-                    mni_vdt_header_has_colors(&h),
-                    h.simplices > h.triangles};
+        *s = (size){h.leaves, h.simplices, h.triangles, true, mni_vdt_header_has_colors(&h)};
         return code;
     }
     mn_header *h = malloc(sizeof *h);
@@ -36,8 +31,7 @@ static mn_code size_of(const char *path, size *s, mn_status *st) {
         return mn_fail(st, MN_FAILED, "no memory");
     mn_code code = mn_header_read(path, h, st);
     if (code == MN_OK)
-        *s = (size){h->leaves,    h->triangles + h->hinges, h->triangles, false, h->has_colors,
-                    h->hinges > 0};
+        *s = (size){h->leaves, h->triangles + h->hinges, h->triangles, false, h->has_colors};
     free(h);
     return code;
 }
@@ -64,7 +58,6 @@ static uint64_t mesh_bytes(const size *s) {
 /* Beside the tree. */
 static uint64_t using_bytes(const size *s, mn_tree_use use) {
     const uint64_t extracting = s->leaves * (9 + 4 /* ids */) + mesh_bytes(s);
-    const uint64_t edges = s->has_hinges ? 3 * s->triangles : 0;
     switch (use) {
     case MN_TREE_LOAD:
         break;
@@ -75,9 +68,8 @@ static uint64_t using_bytes(const size *s, mn_tree_use use) {
     case MN_TREE_BLOCK: /* rows, and the packer's own */
         return s->leaves * (sizeof(mni_row) + 4) + s->simplices * sizeof(mni_row_simplex) +
                (6 << 20);
-    case MN_TREE_COMPARE: /* points, numbers, faces, edges; and what sorts of these take */
-        return mesh_bytes(s) + s->leaves * (40 + 32 /* what reading has left */) +
-               s->triangles * 32 + edges * 16 + 16 * max_u64(edges, s->triangles);
+    case MN_TREE_COMPARE:
+        return 8 << 20; /* verify.c's VDT_WORK_BYTES */
     }
     return 0;
 }
@@ -87,9 +79,8 @@ mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_s
     mn_code code = size_of(path, &s, st);
     if (code != MN_OK || ram_bytes == 0)
         return code;
-    const uint64_t beside = use == MN_TREE_COMPARE ? mesh_bytes(&s) : 0;
-    const uint64_t need = MNI_PROGRAM_BYTES + tree_bytes(&s) +
-                          max_u64(beside + loading_bytes(&s), using_bytes(&s, use));
+    const uint64_t need =
+        MNI_PROGRAM_BYTES + tree_bytes(&s) + max_u64(loading_bytes(&s), using_bytes(&s, use));
     if (need <= ram_bytes)
         return MN_OK;
     return mn_fail(

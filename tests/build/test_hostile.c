@@ -87,7 +87,7 @@ static void free_image(image *im) {
 static mn_code verify(const char *path, mn_status *st) {
     mn_verify_result result;
     memset(st, 0, sizeof *st);
-    return mn_verify(path, NULL, 0, NULL, &result, st);
+    return mn_verify(path, NULL, &result, st);
 }
 
 START_TEST(every_flipped_byte_of_a_mnt_is_noticed) {

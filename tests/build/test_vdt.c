@@ -228,8 +228,8 @@ START_TEST(made_written_opened_and_blocked) {
     same_files(from_made, from_file);
     ck_assert_msg(mn_vdt_write(file, again, NULL, &st) == MN_OK, "%s", st.text);
     same_files(made, again);
-    ck_assert_msg(mn_verify(from_made, NULL, 0, NULL, &result, &st) == MN_OK, "%s", st.text);
-    ck_assert_msg(mn_verify(made, NULL, 0, NULL, &result, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_verify(from_made, NULL, &result, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_verify(made, NULL, &result, &st) == MN_OK, "%s", st.text);
     mn_vdt_close(vdt);
     mn_vdt_close(file);
 }
