@@ -1,8 +1,9 @@
-/* metanode extract: a mesh out of a .mnt or .vdt. Thin over mn_tree_extract. */
+/* metanode extract: a mesh out of a .mnt or .vdt. Thin over mn_extract_file. */
 #include "cli.h"
 
 #include <stdio.h>
 
+#include "cap.h"
 #include "host.h"
 #include "json.h"
 #include "metanode/build.h"
@@ -15,46 +16,34 @@ static const char help[] =
     "  --error E       the coarsest front on which no node's switch value exceeds E, a length in\n"
     "                  model units\n"
     "  -o FILE         what stood there stays until the new one is whole\n"
-    "  --ram SIZE      cap for the whole process, which holds the tree and the mesh, 150 bytes a\n"
+    "  --ram SIZE      cap for the whole process; --full and --triangles of a .mnt take 3 bits a\n"
+    "                  vertex and 5M. Otherwise the tree and the mesh are in memory, 150 bytes a\n"
     "                  vertex, or with --error 190; where that does not fit it is refused.\n"
     "                  Default: half of the memory, or of what the cgroup allows\n"
     "  --json          figures as one JSON object\n";
 
-static mn_code extract(const char *in, const char *out, const mn_extract_desc *desc,
-                       uint64_t ram_bytes, bool as_json, mn_status *st) {
-    mn_tree tree;
-    mn_mesh mesh;
+static mn_code extract(const char *in, const char *out, const mn_extract_desc *desc, bool as_json,
+                       mn_status *st) {
+    mn_extract_result result;
     cli_meter meter = {0};
-    const mn_tree_use use = desc->what == MN_EXTRACT_ERROR ? MN_TREE_SETTLE : MN_TREE_EXTRACT;
-    mn_code code = mn_tree_fits(in, use, ram_bytes, st);
-    if (code == MN_OK)
-        code = mn_tree_load(in, CLI_WATCH(&meter), &tree, st);
+    mn_code code = mn_extract_file(in, desc, CLI_WATCH(&meter), out, &result, st);
     cli_progress_end(&meter);
-    if (code != MN_OK)
-        return code;
-    code = mn_tree_extract(&tree, desc, &mesh, NULL, st);
-    mn_tree_free(&tree);
-    if (code != MN_OK)
-        return code;
-    code = mn_mesh_write_ply(out, &mesh, st);
     if (code == MN_OK && as_json) {
         json j;
         json_begin(&j, stdout);
-        json_u64(&j, "vertices", mesh.vertices);
-        json_u64(&j, "triangles", mesh.triangles);
+        json_u64(&j, "vertices", result.vertices);
+        json_u64(&j, "triangles", result.triangles);
         json_u64(&j, "file_bytes", cli_file_bytes(out));
         json_end(&j);
     } else if (code == MN_OK) {
-        printf("%s: %u vertices, %u triangles\n", out, mesh.vertices, mesh.triangles);
+        printf("%s: %u vertices, %u triangles\n", out, result.vertices, result.triangles);
     }
-    mn_mesh_free(&mesh);
     return code;
 }
 
 int cmd_extract(int argc, char **argv) {
-    mn_extract_desc desc = {0};
+    mn_extract_desc desc = {.ram_bytes = host_default_ram_bytes()};
     const char *out = NULL;
-    uint64_t ram_bytes = host_default_ram_bytes();
     bool full = false, as_json = false, done;
     int by_count = 0, by_error = 0;
     const cli_flag flags[] = {
@@ -71,7 +60,7 @@ int cmd_extract(int argc, char **argv) {
          .wants = "a length",
          .given = &by_error},
         CLI_OUTPUT(&out),
-        CLI_SIZE("ram", &ram_bytes, 1, UINT64_MAX, "a size like 64M"),
+        CLI_SIZE("ram", &desc.ram_bytes, 1, UINT64_MAX, "a size like 64M"),
         CLI_SWITCH("json", &as_json),
         {0},
     };
@@ -90,6 +79,7 @@ int cmd_extract(int argc, char **argv) {
     if (cli_output("extract", out, argv[optind]) != MN_OK)
         return MN_USAGE;
     mn_status st = {0};
-    extract(argv[optind], out, &desc, ram_bytes, as_json, &st);
+    cap_keep(desc.ram_bytes);
+    extract(argv[optind], out, &desc, as_json, &st);
     return cli_status(&st);
 }

@@ -312,7 +312,16 @@ typedef struct mn_extract_desc {
     uint64_t
         triangles; /* MN_EXTRACT_TRIANGLES: the prefix front with the most that are at most this */
     float error;   /* MN_EXTRACT_ERROR: settled front of this tolerance, model units */
+    uint64_t ram_bytes; /* of mn_extract_file: of the process; 0: no bound */
 } mn_extract_desc;
+typedef struct mn_extract_result {
+    uint32_t vertices, triangles;
+} mn_extract_result;
+/* Writes the mesh of a front of a .mnt (or .vdt) as a binary PLY: temporary name, sync, rename. Of
+ * a .mnt a prefix front and full detail may be of any size: it takes 3 bits a vertex. Otherwise the
+ * tree is loaded. MN_CAP_TOO_SMALL names what would do. */
+mn_code mn_extract_file(const char *in, const mn_extract_desc *desc, const mn_watch *watch,
+                        const char *out, mn_extract_result *result, mn_status *st);
 /* The mesh of a front of the tree. owner (may be NULL): receives vertices × order ids of the
  * active nodes, malloc'd, the caller frees. */
 mn_code mn_tree_extract(const mn_tree *tree, const mn_extract_desc *desc, mn_mesh *out,

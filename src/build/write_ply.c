@@ -2,7 +2,7 @@
  * it again gives the same positions. The file is whole or not there (mni_out).
  *
  * Threads: any, each call on its own. Memory: mni_out's buffer. */
-#include "metanode/build.h"
+#include "write_ply.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -16,11 +16,10 @@ static bool is_exact(const mn_mesh *mesh) {
     return mesh->origin[0] == 0 && mesh->origin[1] == 0 && mesh->origin[2] == 0;
 }
 
-static mn_code put_header(mni_out *out, const mn_mesh *mesh, mn_status *st) {
-    char text[512];
+size_t mni_ply_header(const mn_mesh *mesh, char text[MNI_PLY_HEADER_MAX]) {
     const char *real = is_exact(mesh) ? "float" : "double";
     int length = snprintf(
-        text, sizeof text,
+        text, MNI_PLY_HEADER_MAX,
         "ply\nformat binary_little_endian 1.0\ncomment metanode\n"
         "element vertex %" PRIu32 "\nproperty %s x\nproperty %s y\nproperty %s z\n%s"
         "element face %" PRIu32 "\nproperty list uchar int vertex_indices\nend_header\n",
@@ -29,26 +28,39 @@ static mn_code put_header(mni_out *out, const mn_mesh *mesh, mn_status *st) {
                               "property uchar alpha\n"
                             : "",
         mesh->triangles);
-    return mni_out_write(out, text, (size_t)length, st);
+    return (size_t)length;
 }
 
-static mn_code put_vertex(mni_out *out, const mn_mesh *mesh, uint64_t v, mn_status *st) {
-    unsigned char record[3 * sizeof(double) + sizeof *mesh->color];
-    const float *p = mesh->position + 3 * v;
+size_t mni_ply_vertex(const mn_mesh *mesh, uint64_t vertex, unsigned char to[MNI_PLY_VERTEX_MAX]) {
+    const float *p = mesh->position + 3 * vertex;
     const double place[3] = {mesh->origin[0] + (double)p[0], mesh->origin[1] + (double)p[1],
                              mesh->origin[2] + (double)p[2]};
     size_t length = is_exact(mesh) ? 3 * sizeof *p : sizeof place;
-    memcpy(record, is_exact(mesh) ? (const void *)p : place, length);
-    if (mesh->color != NULL) {
-        memcpy(record + length, &mesh->color[v], sizeof mesh->color[v]);
-        length += sizeof mesh->color[v];
-    }
-    return mni_out_write(out, record, length, st);
+    memcpy(to, is_exact(mesh) ? (const void *)p : place, length);
+    if (mesh->color == NULL)
+        return length;
+    memcpy(to + length, &mesh->color[vertex], sizeof *mesh->color);
+    return length + sizeof *mesh->color;
+}
+
+void mni_ply_face(const uint32_t corner[3], unsigned char to[MNI_PLY_FACE_BYTES]) {
+    to[0] = 3;
+    memcpy(to + 1, corner, 3 * sizeof *corner);
+}
+
+static mn_code put_header(mni_out *out, const mn_mesh *mesh, mn_status *st) {
+    char text[MNI_PLY_HEADER_MAX];
+    return mni_out_write(out, text, mni_ply_header(mesh, text), st);
+}
+
+static mn_code put_vertex(mni_out *out, const mn_mesh *mesh, uint64_t v, mn_status *st) {
+    unsigned char record[MNI_PLY_VERTEX_MAX];
+    return mni_out_write(out, record, mni_ply_vertex(mesh, v, record), st);
 }
 
 static mn_code put_face(mni_out *out, const mn_mesh *mesh, uint64_t t, mn_status *st) {
-    unsigned char record[1 + 3 * sizeof *mesh->corner] = {3};
-    memcpy(record + 1, mesh->corner + 3 * t, sizeof record - 1);
+    unsigned char record[MNI_PLY_FACE_BYTES];
+    mni_ply_face(mesh->corner + 3 * t, record);
     return mni_out_write(out, record, sizeof record, st);
 }
 

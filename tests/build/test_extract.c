@@ -1,8 +1,10 @@
 /* Goal: extract gives exactly the fronts that design.md §1 and §2 define.
  * Method: prefix fronts counted from the definition; settled fronts against a slow closure that
- * splits in an order drawn by lot and finds neighbours by looking at every simplex. */
+ * splits in an order drawn by lot and finds neighbours by looking at every simplex; files that were
+ * extracted without the tree against those of the tree in memory. */
 #include <check.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -205,6 +207,102 @@ START_TEST(full_detail_and_nothing_at_all) {
 }
 END_TEST
 
+/* ---- files ---------------------------------------------------------------------------------- */
+
+static int by_bytes(const void *a, const void *b) {
+    return memcmp(a, b, 13);
+}
+
+/* A PLY with its faces, 13 bytes each at its end, in the order of their bytes. */
+static size_t load_sorted(const char *path, uint32_t faces, unsigned char **bytes) {
+    FILE *f = fopen(path, "rb");
+    ck_assert_ptr_nonnull(f);
+    ck_assert(fseek(f, 0, SEEK_END) == 0);
+    const size_t size = (size_t)ftell(f);
+    rewind(f);
+    *bytes = malloc(size);
+    ck_assert_uint_eq(fread(*bytes, 1, size, f), size);
+    fclose(f);
+    qsort(*bytes + size - 13 * (size_t)faces, faces, 13, by_bytes);
+    return size;
+}
+
+/* The same vertices, byte for byte, and the same triangles, as the tree in memory gives. */
+static void same_file(const char *in, const mn_tree *tree, const mn_extract_desc *desc) {
+    char path[2][160];
+    unsigned char *bytes[2];
+    size_t size[2];
+    mn_mesh mesh;
+    mn_extract_result result;
+    mn_status st = {0};
+    snprintf(path[0], sizeof path[0], "%s", fixture_path("memory.ply"));
+    snprintf(path[1], sizeof path[1], "%s", fixture_path("walked.ply"));
+    ck_assert(mn_tree_extract(tree, desc, &mesh, NULL, &st) == MN_OK);
+    ck_assert(mn_mesh_write_ply(path[0], &mesh, &st) == MN_OK);
+    ck_assert_msg(mn_extract_file(in, desc, NULL, path[1], &result, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(result.vertices, mesh.vertices);
+    ck_assert_uint_eq(result.triangles, mesh.triangles);
+    for (int i = 0; i < 2; i++)
+        size[i] = load_sorted(path[i], mesh.triangles, &bytes[i]);
+    ck_assert_uint_eq(size[0], size[1]);
+    ck_assert(memcmp(bytes[0], bytes[1], size[0]) == 0);
+    free(bytes[0]);
+    free(bytes[1]);
+    mn_mesh_free(&mesh);
+}
+
+START_TEST(files_hold_the_same_fronts) {
+    char in[160];
+    mn_mesh mesh;
+    mn_tree made, tree;
+    mn_status st = {0};
+    const mn_block_desc cut = {.block_bytes = 4096};
+    snprintf(in, sizeof in, "%s", fixture_path("front.mnt"));
+    if (_i == 2)
+        fixture_book(700, &mesh); /* overflows, and vertices without triangles early on */
+    else
+        fixture_sheet(40, 5, _i == 1, &mesh);
+    mesh.origin[1] = _i; /* then doubles are written */
+    if (_i == 0)
+        fixture_tree(&mesh, &made);
+    else
+        fixture_random_tree(&mesh, 7, &made);
+    ck_assert(mn_block_write(in, &made, &cut, NULL, NULL, &st) == MN_OK);
+    ck_assert_msg(mn_tree_load(in, NULL, &tree, &st) == MN_OK, "%s", st.text);
+    same_file(in, &tree, &(mn_extract_desc){0});
+    for (uint64_t n = 0; n <= tree.triangles + 3; n = 2 * n + 1)
+        same_file(in, &tree, &(mn_extract_desc){MN_EXTRACT_TRIANGLES, .triangles = n});
+    same_file(in, &tree, &(mn_extract_desc){MN_EXTRACT_ERROR, .error = 0.01f});
+    mn_tree_free(&made);
+    mn_tree_free(&tree);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
+START_TEST(a_small_cap_is_refused_with_one_that_does) {
+    char in[160], out[160];
+    mn_mesh mesh;
+    mn_tree tree;
+    mn_extract_result result;
+    mn_status st = {0};
+    mn_extract_desc desc = {.ram_bytes = 1 << 20};
+    snprintf(in, sizeof in, "%s", fixture_path("cap.mnt"));
+    snprintf(out, sizeof out, "%s", fixture_path("cap.ply"));
+    fixture_sheet(30, 1, false, &mesh);
+    fixture_tree(&mesh, &tree);
+    ck_assert(mn_block_write(in, &tree, NULL, NULL, NULL, &st) == MN_OK);
+    ck_assert_int_eq(mn_extract_file(in, &desc, NULL, out, &result, &st), MN_CAP_TOO_SMALL);
+    const char *named = strstr(st.text, "try --ram ");
+    ck_assert_ptr_nonnull(named);
+    desc.ram_bytes = strtoull(named + 10, NULL, 10) << 20;
+    st = (mn_status){0};
+    ck_assert_msg(mn_extract_file(in, &desc, NULL, out, &result, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(result.triangles, mesh.triangles);
+    mn_tree_free(&tree);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
 int main(void) {
     Suite *s = suite_create("extract");
     TCase *t = tcase_create("fronts");
@@ -212,6 +310,8 @@ int main(void) {
     tcase_add_loop_test(t, settled_fronts_are_the_least_closed_sets, 0, 3);
     tcase_add_loop_test(t, prefix_fronts_have_the_most_triangles_allowed, 0, 3);
     tcase_add_test(t, full_detail_and_nothing_at_all);
+    tcase_add_loop_test(t, files_hold_the_same_fronts, 0, 3);
+    tcase_add_test(t, a_small_cap_is_refused_with_one_that_does);
     suite_add_tcase(s, t);
     return suite_run(s);
 }

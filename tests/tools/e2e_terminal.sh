@@ -41,7 +41,8 @@ part phases block checking blocking -- block ball.vdt -o other.mnt
 part phases block checking loading blocking -- block ball.mnt -o other.mnt
 part phases verify checking -- verify ball.mnt
 part phases verify read number check grid comparing checking comparing checking comparing -- verify ball.mnt --against ball.ply
-part phases extract checking loading -- extract ball.mnt --triangles 9000 -o coarse.ply
+part phases extract checking -- extract ball.mnt --triangles 9000 -o coarse.ply
+part phases extract checking extracting -- extract ball.mnt --full -o whole.ply
 part phases compare read measuring -- compare ball.ply coarse.ply --samples 300000
 part phases "bench error" read simplify measuring -- bench error ball.ply --fronts 1 --samples 100000
 part phases replay frames -- replay ball.mnt --path orbit --frames 30

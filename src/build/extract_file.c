@@ -1,0 +1,311 @@
+/* A prefix front of a .mnt as a mesh on disk, neither of which need fit in memory.
+ *
+ * Hides: that a front is a bit a leaf. In a prefix front every node is split whose order id is at
+ * least the cut, and no other. The right child of such a node begins at its row, so leaves at which
+ * active nodes begin are the rows of split nodes, and where roots begin; a corner's active node
+ * begins at the last such leaf up to it. Triangles of the mesh are those that split nodes have
+ * killed. So it takes walks (mnt_rows.h), the last ones only through the top of the tree:
+ *
+ *   1  all      triangles by order id, counted in BINS bins            the bin of the cut
+ *   2  the top  triangles of that bin, node by node                    the cut
+ *   3  the top  where active nodes begin
+ *   4  the top  which of these have triangles: they are vertices, in the order of leaves
+ *   5  the top  vertices and triangles, each to its part of the file
+ *
+ * At full detail, where every leaf is active, the walks are 4 and 5. Order: mn_extract_file alone.
+ * One thread. Memory: two bits a leaf, and a walk's. Paper: none. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "mn_assert.h"
+#include "mnt_rows.h"
+#include "simplify.h"
+#include "write_ply.h"
+
+enum {
+    BINS = 1 << 16,
+    RANK_WORDS = 8, /* of 64 leaves; vertices are counted before each so many */
+    FACES_BYTES = 5000 * MNI_PLY_FACE_BYTES,
+};
+
+typedef struct extraction {
+    const mn_extract_desc *desc;
+    mni_mnt mnt;
+    mn_watch watch;
+    mn_status *st;
+    uint64_t held_bytes;
+    uint32_t leaves, inner;
+    uint32_t made;           /* collapses that the front has gone through */
+    uint32_t node;           /* of the row that came last: its number; MN_NONE: a root begins */
+    uint32_t first, width;   /* of node numbers: what is counted, and how many a bin */
+    uint64_t *bin;           /* triangles */
+    uint64_t *begins, *used; /* a bit a leaf: an active node begins; and has triangles */
+    uint32_t *rank;          /* vertices before word RANK_WORDS × i of used */
+    mn_mesh mesh;            /* counts; one vertex at a time */
+    float position[3];
+    uint32_t color;
+    mni_out out;
+    uint64_t faces_at; /* in the file: where the next ones go */
+    unsigned char *faces;
+    uint32_t faces_bytes;
+} extraction;
+
+static uint64_t words_of(const extraction *x) {
+    return (uint64_t)x->leaves / 64 + 1;
+}
+
+static void set_bit(uint64_t *bits, uint32_t at) {
+    bits[at / 64] |= UINT64_C(1) << at % 64;
+}
+
+/* The last leaf up to this one at which an active node begins; leaf 0 always is one. */
+static uint32_t begin_of(const extraction *x, uint32_t leaf) {
+    uint32_t word = leaf / 64;
+    uint64_t bits = x->begins[word] & (UINT64_MAX >> (63 - leaf % 64));
+    while (bits == 0 && word > 0)
+        bits = x->begins[--word];
+    return bits == 0 ? 0 : word * 64 + 63 - (uint32_t)__builtin_clzll(bits);
+}
+
+static uint32_t vertex_at(const extraction *x, uint32_t leaf) {
+    const uint32_t word = leaf / 64;
+    uint32_t vertex = x->rank[word / RANK_WORDS];
+    for (uint32_t w = word / RANK_WORDS * RANK_WORDS; w < word; w++)
+        vertex += (uint32_t)__builtin_popcountll(x->used[w]);
+    return vertex +
+           (uint32_t)__builtin_popcountll(x->used[word] & ((UINT64_C(1) << leaf % 64) - 1));
+}
+
+static mn_code walk(extraction *x, uint32_t from,
+                    mn_code (*row)(void *, uint32_t, const mni_row *, const mni_node *),
+                    mn_code (*simplex)(void *, const mni_row_simplex *), const char *phase) {
+    const mni_mnt_sink sink = {row, simplex, x};
+    const mni_mnt_desc desc = {.ram_bytes = x->desc->ram_bytes,
+                               .held_bytes = x->held_bytes,
+                               .order_from = from > 0 ? x->leaves + from : 0,
+                               .watch = &x->watch,
+                               .phase = phase};
+    return mni_mnt_walk(&x->mnt, &desc, &sink, x->st);
+}
+
+/* ---- the cut -------------------------------------------------------------------------------- */
+
+static mn_code note_node(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+    extraction *x = context;
+    (void)at;
+    x->node = node != NULL ? row->order - x->leaves : MN_NONE;
+    return MN_OK;
+}
+
+static mn_code count_triangle(void *context, const mni_row_simplex *simplex) {
+    extraction *x = context;
+    const uint32_t bin = x->node >= x->first ? (x->node - x->first) / x->width : BINS;
+    if (simplex->corner[2] != MN_NONE && bin < BINS)
+        x->bin[bin]++;
+    return MN_OK;
+}
+
+/* Lets bins go while more than wanted are left; the first that is not to go as a whole. */
+static uint32_t pass_bins(const extraction *x, uint64_t *left) {
+    uint32_t bin = 0;
+    while (bin<BINS && * left> x->desc->triangles && x->bin[bin] <= *left &&
+           *left - x->bin[bin] > x->desc->triangles)
+        *left -= x->bin[bin++];
+    return bin;
+}
+
+/* As few collapses as leave so few triangles. */
+static mn_code find_cut(extraction *x) {
+    uint64_t left = x->mnt.header.triangles;
+    x->first = 0;
+    x->width = x->inner / BINS + 1;
+    mn_code code = walk(x, 0, note_node, count_triangle, "checking");
+    if (code != MN_OK || left <= x->desc->triangles)
+        return code;
+    x->first = pass_bins(x, &left) * x->width;
+    memset(x->bin, 0, BINS * sizeof *x->bin);
+    MN_ASSERT(x->width <= BINS); /* 2^31 nodes have bins of 2^15 */
+    x->width = 1;
+    code = walk(x, x->first, note_node, count_triangle, "extracting");
+    for (x->made = x->first; x->made < x->inner && left > x->desc->triangles; x->made++)
+        left -= x->bin[x->made - x->first];
+    return code;
+}
+
+/* ---- the front ------------------------------------------------------------------------------ */
+
+static bool is_split(const extraction *x) {
+    return x->node != MN_NONE && x->node >= x->made;
+}
+
+static mn_code mark_begin(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+    extraction *x = context;
+    note_node(context, at, row, node);
+    if (node == NULL || is_split(x))
+        set_bit(x->begins, at);
+    return MN_OK;
+}
+
+static mn_code mark_used(void *context, const mni_row_simplex *simplex) {
+    extraction *x = context;
+    if (simplex->corner[2] == MN_NONE || !is_split(x))
+        return MN_OK;
+    x->mesh.triangles++;
+    for (int i = 0; i < 3; i++)
+        set_bit(x->used, begin_of(x, simplex->corner[i]));
+    return MN_OK;
+}
+
+static mn_code find_front(extraction *x) {
+    mn_code code = MN_OK;
+    const bool is_checked = x->desc->what == MN_EXTRACT_TRIANGLES;
+    if (x->made == 0)
+        memset(x->begins, 0xff, words_of(x) * sizeof *x->begins);
+    else
+        code = walk(x, x->made, mark_begin, NULL, "extracting");
+    if (code == MN_OK)
+        code = walk(x, x->made, note_node, mark_used, is_checked ? "extracting" : "checking");
+    for (uint64_t w = 0; w < words_of(x); w++) {
+        if (w % RANK_WORDS == 0)
+            x->rank[w / RANK_WORDS] = x->mesh.vertices;
+        x->mesh.vertices += (uint32_t)__builtin_popcountll(x->used[w]);
+    }
+    return code;
+}
+
+/* ---- the file ------------------------------------------------------------------------------- */
+
+static mn_code flush_faces(extraction *x) {
+    mn_code code = mni_out_write_at(&x->out, x->faces_at, x->faces, x->faces_bytes, x->st);
+    x->faces_at += x->faces_bytes;
+    x->faces_bytes = 0;
+    return code;
+}
+
+static mn_code put_vertex(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+    extraction *x = context;
+    unsigned char record[MNI_PLY_VERTEX_MAX];
+    note_node(context, at, row, node);
+    if ((x->used[at / 64] >> at % 64 & 1) == 0)
+        return MN_OK;
+    memcpy(x->position, row->position, sizeof x->position);
+    x->color = row->rgba;
+    return mni_out_write(&x->out, record, mni_ply_vertex(&x->mesh, 0, record), x->st);
+}
+
+static mn_code put_face(void *context, const mni_row_simplex *simplex) {
+    extraction *x = context;
+    uint32_t corner[3];
+    if (simplex->corner[2] == MN_NONE || !is_split(x))
+        return MN_OK;
+    for (int i = 0; i < 3; i++)
+        corner[i] = vertex_at(x, begin_of(x, simplex->corner[i]));
+    mni_ply_face(corner, x->faces + x->faces_bytes);
+    x->faces_bytes += MNI_PLY_FACE_BYTES;
+    return x->faces_bytes == FACES_BYTES ? flush_faces(x) : MN_OK;
+}
+
+static mn_code write_file(extraction *x, const char *path) {
+    char text[MNI_PLY_HEADER_MAX];
+    unsigned char record[MNI_PLY_VERTEX_MAX];
+    const size_t length = mni_ply_header(&x->mesh, text);
+    const uint64_t vertices = (uint64_t)x->mesh.vertices * mni_ply_vertex(&x->mesh, 0, record);
+    x->faces_at = length + vertices;
+    mn_code code = mni_out_open(&x->out, path, x->st);
+    if (code == MN_OK)
+        code = mni_out_write(&x->out, text, length, x->st);
+    if (code == MN_OK)
+        code = walk(x, x->made, put_vertex, put_face, "extracting");
+    if (code == MN_OK)
+        code = flush_faces(x);
+    /* the file may have been changed between two walks */
+    if (code == MN_OK &&
+        (mni_out_at(&x->out) != length + vertices ||
+         x->faces_at != length + vertices + (uint64_t)x->mesh.triangles * MNI_PLY_FACE_BYTES))
+        code = mn_fail(x->st, MN_BAD_INPUT, "%s: was changed while it was read; try again",
+                       x->mnt.path);
+    if (code == MN_OK)
+        code = mni_out_commit(&x->out, x->st);
+    mni_out_abort(&x->out);
+    return code;
+}
+
+/* ---- the whole ------------------------------------------------------------------------------ */
+
+static mn_code take_memory(extraction *x) {
+    const uint64_t words = words_of(x), ranks = words / RANK_WORDS + 1;
+    const uint64_t bins = BINS * sizeof *x->bin;
+    const mn_header *h = &x->mnt.header;
+    x->held_bytes = 2 * words * sizeof *x->begins + ranks * sizeof *x->rank + bins + FACES_BYTES;
+    const uint64_t need = MNI_PROGRAM_BYTES + x->held_bytes + mni_mnt_walk_bytes(h);
+    if (x->desc->ram_bytes > 0 && x->desc->ram_bytes < need)
+        return mn_fail(x->st, MN_CAP_TOO_SMALL,
+                       "%s: %.1f MB of memory are too few to extract it in: try --ram %lluM",
+                       x->mnt.path, (double)x->desc->ram_bytes / (1 << 20),
+                       (unsigned long long)(need >> 20) + 1);
+    x->begins = calloc(words, sizeof *x->begins);
+    x->used = calloc(words, sizeof *x->used);
+    x->rank = calloc(ranks, sizeof *x->rank);
+    x->bin = calloc(BINS, sizeof *x->bin);
+    x->faces = malloc(FACES_BYTES);
+    if (x->begins == NULL || x->used == NULL || x->rank == NULL || x->bin == NULL ||
+        x->faces == NULL)
+        return mn_fail(x->st, MN_FAILED, "%s: no memory for a front", x->mnt.path);
+    return MN_OK;
+}
+
+static mn_code extract(extraction *x, const char *out) {
+    const mn_header *h = &x->mnt.header;
+    x->leaves = h->leaves;
+    x->inner = h->nodes - h->leaves;
+    memcpy(x->mesh.origin, h->origin, sizeof h->origin);
+    x->mesh.position = x->position;
+    x->mesh.color = h->has_colors ? &x->color : NULL;
+    mn_code code = take_memory(x);
+    if (code == MN_OK && x->desc->what == MN_EXTRACT_TRIANGLES)
+        code = find_cut(x);
+    if (code == MN_OK)
+        code = find_front(x);
+    return code == MN_OK ? write_file(x, out) : code;
+}
+
+static mn_code extract_loaded(const char *in, const mn_extract_desc *desc, const mn_watch *watch,
+                              const char *out, mn_mesh *mesh, mn_status *st) {
+    const mn_tree_use use = desc->what == MN_EXTRACT_ERROR ? MN_TREE_SETTLE : MN_TREE_EXTRACT;
+    mn_tree tree;
+    mn_code code = mn_tree_fits(in, use, desc->ram_bytes, st);
+    if (code == MN_OK)
+        code = mn_tree_load(in, watch, &tree, st);
+    if (code != MN_OK)
+        return code;
+    code = mn_tree_extract(&tree, desc, mesh, NULL, st);
+    mn_tree_free(&tree);
+    return code == MN_OK ? mn_mesh_write_ply(out, mesh, st) : code;
+}
+
+mn_code mn_extract_file(const char *in, const mn_extract_desc *desc, const mn_watch *watch,
+                        const char *out, mn_extract_result *result, mn_status *st) {
+    mn_status own = {0};
+    extraction x = {.desc = desc, .st = st != NULL ? st : &own, .out = {.fd = -1}};
+    mn_mesh mesh = {0};
+    mn_code code;
+    if (watch != NULL)
+        x.watch = *watch;
+    if (desc->what == MN_EXTRACT_ERROR || mn_tree_is_vdt(in)) {
+        code = extract_loaded(in, desc, watch, out, &mesh, x.st);
+        *result = (mn_extract_result){mesh.vertices, mesh.triangles};
+        mn_mesh_free(&mesh);
+        return code;
+    }
+    code = mni_mnt_open(&x.mnt, in, x.st);
+    if (code == MN_OK)
+        code = extract(&x, out);
+    mni_mnt_close(&x.mnt);
+    *result = (mn_extract_result){x.mesh.vertices, x.mesh.triangles};
+    free(x.begins);
+    free(x.used);
+    free(x.rank);
+    free(x.bin);
+    free(x.faces);
+    return code;
+}
