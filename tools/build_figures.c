@@ -88,6 +88,7 @@ static void report_json(const build_steps *b) {
         json_f64(&j, "fill_mean", h->fill_mean);
     }
     json_u64(&j, "order_violations", t->counts.order_violations);
+    json_f64(&j, "order_violation_worst", (double)t->counts.order_violation_worst);
     json_u64(&j, "rounds", t->counts.rounds);
     if (b->work != NULL) { /* simplified */
         if (s.phase.simplify.seconds > 0)

@@ -91,7 +91,11 @@ mn_code mn_mesh_quantise(mn_mesh *mesh, uint32_t bits, mn_status *st);
 typedef struct mn_build_counts { /* for build --json */
     uint64_t nonmanifold_edges, boundary_edges, components;
     uint64_t collapses_by_stage[4];
+    /* Collapses made while an edge sharing a vertex with them was legal and cheaper, looked for at
+     * one in 64, and at every one of rounds that may have any. Of these the worst: by which factor
+     * it cost more, FLT_MAX where the other was free; 0: there is none. */
     uint64_t order_violations;
+    float order_violation_worst;
     uint64_t rounds; /* 1 in memory */
     double seconds_simplify;
 } mn_build_counts;

@@ -40,6 +40,7 @@ static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, 
         return code;
     s->surface.is_part = true;
     s->part.slack = cell->desc.slack;
+    s->part.rings = cell->desc.rings;
     s->part.closed = malloc(vertices * sizeof *s->part.closed);
     s->part.key = calloc(vertices, sizeof *s->part.key);
     s->part.id = malloc(vertices * sizeof *s->part.id);

@@ -38,6 +38,7 @@ typedef struct mni_cell_desc {
     int stage;   /* otherwise: this one, 1 … 4; whole begins with it */
     float slack; /* stages 1 to 3: by which factor, from 1 on, a collapse may cost more than one
                     beside it that has to wait; INFINITY: none waits but for what is not here */
+    bool rings;  /* of what waits the rings wait as well, with what costs more */
     const mni_frozen_table *frozen; /* NULL: none; does not change while cells are opened */
     bool carries; /* what hubs come to here is what they are from now on: cells one by one */
     mni_poll poll;

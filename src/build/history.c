@@ -180,6 +180,8 @@ mn_code mni_history_add(mni_history *h, const mni_cell *cell, mn_status *st) {
     h->counts.boundary_edges += c->boundary_edges;
     h->counts.nonmanifold_edges += c->nonmanifold_edges;
     h->counts.order_violations += c->order_violations;
+    if (c->order_violation_worst > h->counts.order_violation_worst)
+        h->counts.order_violation_worst = c->order_violation_worst;
     h->counts.components += c->components;
     for (int i = 0; i < 4; i++)
         h->counts.collapses_by_stage[i] += c->collapses_by_stage[i];

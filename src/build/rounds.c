@@ -27,16 +27,22 @@
 #include "give.h"
 #include "tiles.h"
 
-/* Where costs rise evenly over a whole region, all of it is put off, from the cells' edges inwards.
- * After a round with fewer collapses than this part of its vertices the next may be so much out of
- * order, and at last as it likes; from there on it is stricter again, round by round. */
-enum { SLOW_PART = 8 };
-static const float slack[] = {1, 4, INFINITY};
-enum { SLACKS = sizeof slack / sizeof slack[0] };
-/* Two rounds without order that make fewer than this part: the stage is as good as done, and the
- * next one allows more. In the last one nothing but cells that grow helps (every vertex joined to
- * places all over the model). */
-enum { STUCK_PART = 64, STUCK_ROUNDS = 2 };
+/* How strict a round is: the first two are in order. Where costs rise evenly over a whole region,
+ * all of it is put off, from the cells' edges inwards: after a round with fewer collapses than a
+ * SLOW_PART of its vertices, rings are not waited for, until a round makes a FAIR_PART again. */
+static const struct {
+    float slack;
+    bool rings;
+} order[] = {{1, true}, {1, false}, {4, false}, {INFINITY, false}};
+enum { IN_ORDER = 1, LOOSEST = sizeof order / sizeof order[0] - 1 };
+enum { SLOW_PART = 8, FAIR_PART = 4 };
+/* Rounds that stay in order although they are slow may take as many vertices as the mesh has, and
+ * so many cells', all of them together: so bytes that are moved have a bound. After these, or when
+ * so many in a row have made fewer than a STUCK_PART, the next may be so much out of order, and at
+ * last as it likes; from there on it is stricter again, round by round. Two rounds without order
+ * that make so few: the stage is as good as done, and the next one allows more. In the last one
+ * nothing but cells that grow helps (every vertex joined to places all over the model). */
+enum { SLOW_CELLS = 64, STUCK_PART = 64, STUCK_ROUNDS = 2, STUCK_ROUNDS_IN_ORDER = 12 };
 
 /* Of what is left beside the usual cells, this share is for those that are not; where that is
  * little, more, up to half a cell: the Earth's poles, of 4,320 triangles each, take a third more
@@ -77,7 +83,8 @@ typedef struct rounds {
     uint64_t rest_bytes;  /* memory beside cells; 0: no bound */
     uint64_t cells_bytes; /* for cells, all threads together */
     int stage;
-    uint32_t slack, stuck; /* index of slack[]; rounds */
+    uint32_t order, stuck;  /* index of order[]; rounds */
+    uint64_t slow_vertices; /* of slow rounds in order */
     uint32_t cell_vertices, sample_every;
     uint32_t vertices, cells; /* of this round */
     uint64_t simplices;
@@ -270,7 +277,8 @@ static mn_code open_cell(rounds *r, job *j, mn_status *st) {
     mni_cell_desc desc = {.metric = r->desc.metric,
                           .whole = r->whole,
                           .stage = r->stage,
-                          .slack = slack[r->slack],
+                          .slack = order[r->order].slack,
+                          .rings = order[r->order].rings,
                           .frozen = r->stage < 4 || r->whole ? &r->frozen : NULL,
                           .carries = r->carries,
                           .poll = {go_on_with, r}};
@@ -425,31 +433,50 @@ static mn_code turn_over(rounds *r) {
     return MN_OK;
 }
 
+/* After a slow round without rings: whether the next one is to be another. */
+static bool stays_in_order(rounds *r, uint32_t before, bool stuck) {
+    uint64_t most = r->mesh->vertices + (uint64_t)SLOW_CELLS * r->desc.cell_vertices;
+    r->slow_vertices += before;
+    r->stuck = stuck ? r->stuck + 1 : 0;
+    return r->stuck < STUCK_ROUNDS_IN_ORDER && r->slow_vertices <= most;
+}
+
+static void loosen(rounds *r) {
+    r->stuck = 0;
+    if (r->order < LOOSEST) {
+        r->order++;
+    } else if (r->stage < 3) {
+        r->stage++;
+        r->order = 0;
+    } else {
+        r->cell_vertices *= 2;
+    }
+}
+
 /* What the next round is to do, by what this one has done. */
 static void go_on(rounds *r, uint32_t before, uint32_t made) {
+    bool slow = (uint64_t)made * SLOW_PART < before, fair = (uint64_t)made * FAIR_PART >= before;
+    bool stuck = (uint64_t)made * STUCK_PART < before;
     if (r->stage == 4)
         return;
     r->carries = false;
     if (r->simplices == 0) {
         r->stage = 4;
         r->history->counts.components = r->vertices + r->frozen.count;
-    } else if ((uint64_t)made * SLOW_PART >= before) {
-        r->slack -= r->slack > 0;
+    } else if (!slow) {
+        r->order -= r->order > IN_ORDER || (r->order == IN_ORDER && fair);
         r->stuck = 0;
-    } else if (r->slack + 1 < SLACKS) {
-        r->slack++;
-    } else if ((uint64_t)made * STUCK_PART >= before) {
+    } else if (r->order == IN_ORDER) {
+        if (!stays_in_order(r, before, stuck))
+            loosen(r);
+    } else if (r->order < LOOSEST) {
+        loosen(r);
+    } else if (!stuck) {
         r->stuck = 0;
     } else if (++r->stuck < STUCK_ROUNDS) {
         r->carries = r->frozen.count > 0;
     } else {
-        r->stuck = 0;
-        if (r->stage < 3) {
-            r->stage++;
-            r->slack = 0;
-        } else {
-            r->cell_vertices *= 2;
-        }
+        loosen(r);
     }
 }
 

@@ -14,6 +14,7 @@
  * and §3.1. */
 #include "simplify.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -433,8 +434,11 @@ static bool is_dearer(const mni_simplifier *s, uint32_t v) {
     return s->surface.vertex[v].measured && !s->surface.vertex[v].stale;
 }
 
-/* Whether an edge at v is legal and comes before `key` of r: then the order is violated. */
-static bool overtaken(mni_simplifier *s, uint32_t v, mni_heap_key key, uint32_t r) {
+/* The least key of the legal edges at v, both ways; MNI_HEAP_KEY_NONE: none comes before `key` of
+ * r.
+ */
+static mni_heap_key overtaken(mni_simplifier *s, uint32_t v, mni_heap_key key, uint32_t r) {
+    mni_heap_key least = MNI_HEAP_KEY_NONE;
     uint32_t count;
     mni_surface_fan(&s->surface, v, &count);
     for (uint32_t i = 0; i < count; i++) {
@@ -445,25 +449,38 @@ static bool overtaken(mni_simplifier *s, uint32_t v, mni_heap_key key, uint32_t 
             if (w == v || w == MN_NONE)
                 continue;
             mni_heap_key out = key_of(s, v, w), in = key_of(s, w, v);
-            bool v_first = !is_dearer(s, v) && mni_heap_key_less(out, v, key, r);
-            bool w_first =
-                !s->surface.vertex[w].hub && !is_dearer(s, w) && mni_heap_key_less(in, w, key, r);
-            if ((v_first && allowed(s, v, w)) || (w_first && allowed(s, w, v)))
-                return true;
+            bool v_first = out < least && !is_dearer(s, v) && mni_heap_key_less(out, v, key, r);
+            if (v_first && allowed(s, v, w))
+                least = out;
+            bool w_first = in < least && !s->surface.vertex[w].hub && !is_dearer(s, w) &&
+                           mni_heap_key_less(in, w, key, r);
+            if (w_first && allowed(s, w, v))
+                least = in;
         }
     }
-    return false;
+    return least;
 }
 
-/* order_violations, looked for at one collapse in ORDER_SAMPLE, and not at poles: it tries every
- * candidate of every vertex around, with the square of what their fans are long. */
+/* order_violations, looked for at one collapse in ORDER_SAMPLE, or at all where they may be, and
+ * not at poles: it tries every candidate of every vertex around, with the square of what their fans
+ * are long. */
 static void check_order(mni_simplifier *s, uint32_t r, mni_heap_key key) {
-    if (overtaken(s, r, key, r) || overtaken(s, mni_heap_key_kept(key), key, r))
-        s->counts.order_violations++;
+    mni_heap_key of_r = overtaken(s, r, key, r);
+    mni_heap_key of_k = overtaken(s, mni_heap_key_kept(key), key, r);
+    mni_heap_key least = of_r < of_k ? of_r : of_k;
+    if (least == MNI_HEAP_KEY_NONE)
+        return;
+    float cost = mni_heap_key_cost(least), by = mni_heap_key_cost(key) / cost;
+    by = cost > 0 && by < FLT_MAX ? by : FLT_MAX;
+    s->counts.order_violations++;
+    if (by > s->counts.order_violation_worst)
+        s->counts.order_violation_worst = by;
 }
 
 static bool order_is_checked(const mni_simplifier *s, uint32_t r, uint32_t k) {
-    return s->made.count % ORDER_SAMPLE == 0 && s->surface.vertex[r].fan.count <= ORDER_FAN_MAX &&
+    bool loose = s->part.closed != NULL && s->part.slack > 1;
+    return (loose || s->made.count % ORDER_SAMPLE == 0) &&
+           s->surface.vertex[r].fan.count <= ORDER_FAN_MAX &&
            s->surface.vertex[k].fan.count <= ORDER_FAN_MAX && !s->surface.vertex[k].hub;
 }
 
@@ -559,6 +576,18 @@ static void close_ring(mni_simplifier *s, uint32_t v, float cost) {
                 close_vertex(s, s->surface.simplex[fan[i]].v[c], cost, 0);
 }
 
+/* Whether r → k may be legal, though an end may be at the border. All is asked of r's own ring and
+ * of edges between that and k, so what is found against it is against it, whatever else there is.
+ * Of an r at the border only triangles that fold are known. */
+static bool may_be_allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
+    if (s->part.closed[r] > 0)
+        return allowed(s, r, k);
+    if (s->stage > 1)
+        return true;
+    mni_judge_look(&s->judge, &s->surface, r, k);
+    return mni_judge_fold(&s->judge, &s->surface, r, k);
+}
+
 /* Whether r → k, the least that is left, is not to be made: then it may hold up others. */
 static bool put_off(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
     const mni_heap_key *closed = s->part.closed;
@@ -566,12 +595,12 @@ static bool put_off(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key)
         return true;
     if (closed == NULL || (closed[r] > key && closed[k] > key))
         return false;
-    bool here = closed[r] > 0, whole = here && closed[k] > 0;
+    bool here = closed[r] > 0;
     float cost = mni_heap_key_cost(key) * s->part.slack;
-    if (s->part.slack < INFINITY && (!whole || allowed(s, r, k))) {
+    if (s->part.slack < INFINITY && may_be_allowed(s, r, k)) {
         close_vertex(s, r, cost, mni_heap_key_kept(key));
         close_vertex(s, k, cost, mni_heap_key_kept(key));
-        if (here) {
+        if (here && s->part.rings) {
             close_ring(s, r, RING_SLACK * cost);
             close_ring(s, k, RING_SLACK * cost);
         }

@@ -78,6 +78,7 @@ typedef struct mni_part {
     mni_heap_key *closed;
     float *key;   /* a vertex's node's: the largest cost of the collapses that it has waited for */
     float slack;  /* by which factor a collapse may cost more than one beside it that is put off */
+    bool rings;   /* what is put off makes the rings of its ends wait as well */
     uint32_t *id; /* the vertices' numbers; NULL: as they are here */
 } mni_part;
 

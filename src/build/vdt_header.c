@@ -54,10 +54,12 @@ void mni_vdt_header_make(mni_vdt_header *h, const mn_tree *t, bool has_colors,
     uint64_t intake[8] = {in->input_faces,     in->duplicate_faces,   in->degenerate_faces,
                           in->nonfinite_faces, in->misoriented_faces, in->unused_vertices,
                           in->welded_vertices, in->merged_positions};
-    uint64_t counts[9] = {
+    uint64_t counts[8] = {
         c->nonmanifold_edges,     c->boundary_edges,        c->components,
         c->collapses_by_stage[0], c->collapses_by_stage[1], c->collapses_by_stage[2],
-        c->collapses_by_stage[3], c->order_violations,      c->rounds};
+        c->collapses_by_stage[3], c->order_violations};
+    h->rounds = (uint32_t)c->rounds;
+    h->order_violation_worst = c->order_violation_worst;
     memcpy(h->intake, intake, sizeof intake);
     memcpy(h->counts, counts, sizeof counts);
     h->file_bytes = place_sections(h);
@@ -95,6 +97,7 @@ static mn_code check(const mni_vdt_header *h, uint64_t size_bytes, const char *p
     FIELD(h->depth_max >= 1 && h->depth_max - 1 <= h->inner, "depth_max");
     FIELD(h->metric == MN_METRIC_QEM || h->metric == MN_METRIC_LENGTH, "metric");
     FIELD(h->flags <= FLAG_COLORS, "flags");
+    FIELD(h->order_violation_worst >= 0, "order_violation_worst");
     FIELD(h->grid_step == 0 || mni_grid_ok(h->grid_step), "grid_step");
     for (int i = 0; i < 3; i++)
         FIELD(isfinite(h->origin[i]), "origin");
@@ -125,7 +128,8 @@ static void take_facts(const mni_vdt_header *h, mn_tree *t) {
                               .components = c[2],
                               .collapses_by_stage = {c[3], c[4], c[5], c[6]},
                               .order_violations = c[7],
-                              .rounds = c[8]}};
+                              .order_violation_worst = h->order_violation_worst,
+                              .rounds = h->rounds}};
     memcpy(t->origin, h->origin, sizeof t->origin);
 }
 

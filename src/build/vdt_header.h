@@ -16,7 +16,9 @@ typedef struct mni_vdt_header {
     uint32_t flags;
     float grid_step;
     double origin[3];
-    uint64_t intake[8], counts[9];
+    uint64_t intake[8], counts[8];
+    uint32_t rounds;
+    float order_violation_worst;
     struct {
         uint64_t offset, bytes, checksum;
     } section[MNI_SECTIONS];
