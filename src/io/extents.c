@@ -106,6 +106,7 @@ mn_code mni_extents_open(mni_extents *x, const char *path, const mn_header *head
     x->sectors = sectors;
     x->before = before;
     x->extent_bytes_max = header->extent_bytes_max;
+    x->block_bytes_max = header->block_bytes_max;
     x->slots_bytes = slots_bytes_for(header, slots);
     x->slots = mni_arena_take(arena, x->slots_bytes, 1, MN_PAGE_BYTES);
     mni_extents_align(x, MNI_SECTOR_BYTES);
@@ -175,6 +176,8 @@ bool mni_extents_unpack(mni_extents *x, const void *extent, uint32_t extent_byte
     const unsigned char *from = extent;
     unsigned char *to = bytes;
     head h;
+    if (length_bytes > x->block_bytes_max)
+        return false;
     if (extent_bytes >= length_bytes) {
         if (extent_bytes == length_bytes)
             memcpy(bytes, extent, length_bytes);
@@ -204,7 +207,7 @@ bool mni_extents_unpack(mni_extents *x, const void *extent, uint32_t extent_byte
 int64_t mni_extents_read(mni_extents *x, const mni_in *in, mn_block_ref ref, void *bytes,
                          uint64_t *read_bytes) {
     const mni_extent extent = mni_extents_find(x, ref);
-    const uint32_t length_bytes = ref.pages * MN_PAGE_BYTES;
+    const uint64_t length_bytes = (uint64_t)ref.pages * MN_PAGE_BYTES;
     void *to = x->sectors != NULL ? x->slots : bytes;
     if (extent.length_bytes == 0)
         return -EBADMSG;
@@ -212,7 +215,9 @@ int64_t mni_extents_read(mni_extents *x, const mni_in *in, mn_block_ref ref, voi
     *read_bytes += got > 0 ? (uint64_t)got : 0;
     if (got < extent.length_bytes || x->sectors == NULL)
         return got;
-    const bool sound = mni_extents_unpack(x, to, extent.length_bytes, bytes, length_bytes);
+    const bool sound =
+        length_bytes <= x->block_bytes_max &&
+        mni_extents_unpack(x, to, extent.length_bytes, bytes, (uint32_t)length_bytes);
     return sound ? (int64_t)length_bytes : -EBADMSG;
 }
 

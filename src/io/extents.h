@@ -53,7 +53,8 @@ typedef struct mni_extents {
     unsigned char *slots;    /* page-aligned: for extents that are read, slot_bytes each */
     size_t slots_bytes;
     uint32_t slot_count, slot_bytes, extent_bytes_max;
-    uint32_t align_bytes; /* of reads: a sector, or a page */
+    uint32_t align_bytes;     /* of reads: a sector, or a page */
+    uint32_t block_bytes_max; /* of what is unpacked: a longer one is no block */
     /* who unpacks */
     unsigned char *room; /* a block whose rows are planes */
     void *context;       /* zstd's */

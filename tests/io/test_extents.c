@@ -264,6 +264,30 @@ START_TEST(damage_is_refused_or_harmless) {
 }
 END_TEST
 
+/* A table may say that a block is longer than any, and its frame be so: who reads whole files takes
+ * its word. The room for planes is as long as the header's longest. */
+START_TEST(longer_than_any_block) {
+    stage *s = &stage_of;
+    mni_in in;
+    unsigned char out[BLOCK_BYTES];
+    uint64_t read_bytes = 0;
+    set_up(s);
+    ck_assert_int_eq(mni_in_open(&in, s->path, &s->st), MN_OK);
+    for (uint32_t b = 0; b < BLOCKS; b++) { /* 2³² bytes more */
+        const mn_block_ref longer = {s->ref[b].id, s->ref[b].pages + (1u << 20)};
+        ck_assert_int_eq(mni_extents_read(&s->extents, &in, longer, out, &read_bytes), -EBADMSG);
+    }
+    s->header.block_bytes_max = MN_PAGE_BYTES;
+    mni_arena_close(&s->arena);
+    ck_assert_int_eq(open_extents(s), MN_OK);
+    for (uint32_t b = 0; b < BLOCKS; b++)
+        ck_assert_int_eq(mni_extents_read(&s->extents, &in, s->ref[b], out, &read_bytes),
+                         s->ref[b].pages == 1 ? MN_PAGE_BYTES : -EBADMSG);
+    mni_in_close(&in);
+    tear_down(s);
+}
+END_TEST
+
 /* ---- tables that lie ------------------------------------------------------------------------ */
 
 static void rewrite_table(stage *s) {
@@ -343,6 +367,7 @@ int main(void) {
     tcase_add_test(tc, blocks_come_back);
     tcase_add_test(tc, slots);
     tcase_add_test(tc, damage_is_refused_or_harmless);
+    tcase_add_test(tc, longer_than_any_block);
     tcase_add_test(tc, tables_that_lie);
     tcase_add_test(tc, plain_files);
     suite_add_tcase(suite, tc);
