@@ -99,9 +99,10 @@ mn_code mni_disk_open(mni_disk *disk, const mni_disk_desc *desc, mni_arena *aren
                 disk->align_bytes = MN_PAGE_BYTES;
         } else {
             warn(desc, "the file system refuses O_DIRECT; reading through the page cache", errno);
-            /* What is read ahead nobody would tell it to forget (the methods do, of their reads).
-             */
+            /* What is read ahead nobody would tell it to forget. The methods do, of their reads: it
+             * forgets whole pages. */
             (void)posix_fadvise(plain.fd, 0, 0, POSIX_FADV_RANDOM);
+            disk->align_bytes = MN_PAGE_BYTES;
         }
     }
     code = open_method(disk, desc, direct, arena, st);

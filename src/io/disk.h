@@ -20,7 +20,7 @@ typedef struct mni_disk_desc {
 
 typedef struct mni_disk {
     int fd;
-    uint32_t align_bytes; /* that offsets and lengths of reads must be multiples of */
+    uint32_t align_bytes; /* that offsets and lengths of reads should be multiples of */
     const mni_method *method;
     void *self; /* the method's */
 } mni_disk;
