@@ -182,7 +182,9 @@ static mn_code begin(build_steps *b) {
                                .read = &b->read,
                                .simplify = &b->simplify,
                                .resume = b->resume};
-    mn_code code = mn_mesh_expect(b->in, &vertices, &triangles, &b->st);
+    mn_code code = mn_block_fits(&b->block, &b->st);
+    if (code == MN_OK)
+        code = mn_mesh_expect(b->in, &vertices, &triangles, &b->st);
     if (code != MN_OK)
         return code;
     b->temp.planned_bytes = mn_vdt_temp_bytes(

@@ -231,6 +231,9 @@ typedef struct mn_block_counts {
     uint64_t bytes_written;
 } mn_block_counts;
 
+/* What can be told before there is a tree. MN_CAP_TOO_SMALL: compressing packed blocks takes more
+ * than ram_bytes. (How long those of levels are, only the tree says: they are refused later.) */
+mn_code mn_block_fits(const mn_block_desc *desc, mn_status *st);
 /* Cuts the tree into blocks and writes a .mnt: temporary name, sync, rename. */
 mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_desc *desc,
                        mn_header *header, mn_block_counts *counts, mn_status *st);

@@ -5,8 +5,7 @@
  * are compressed: hence the plain file is written first, and read once, from its front to its end:
  *
  *     plain      | header | block | block | block …          what has been read is given back
- *     compressed | header | table … | extent | extent …       the table a page at a time, when it
- * is full
+ *     compressed | header | table … | extent | extent …       the table by pages that are full
  *
  * Order: one call, after the plain file is whole. One thread; blocks on the disk. Memory: a block,
  * a page of the table, and what zstd takes for the level, which the cap must have room for. The
@@ -154,20 +153,27 @@ static mn_code write_header(press *p, const char *path) {
 
 /* ---- the whole ------------------------------------------------------------------------------ */
 
-static mn_code check_cap(const mn_block_desc *desc, const mn_header *h, mn_status *st) {
+/* For blocks of up to so many bytes. */
+static mn_code check_cap(const mn_block_desc *desc, uint32_t length_max, mn_status *st) {
     const uint64_t need =
-        MNI_PROGRAM_BYTES + mni_presser_bytes(desc->zstd_level, h->block_bytes_max);
+        MNI_PROGRAM_BYTES + length_max + mni_presser_bytes(desc->zstd_level, length_max);
     if (desc->ram_bytes == 0 || need <= desc->ram_bytes)
         return MN_OK;
     return mn_fail(st, MN_CAP_TOO_SMALL,
                    "blocks of %u bytes at zstd's level %u need --ram %lluM; or try a lower level",
-                   h->block_bytes_max, desc->zstd_level, (unsigned long long)(need >> 20) + 1);
+                   length_max, desc->zstd_level, (unsigned long long)(need >> 20) + 1);
+}
+
+mn_code mn_block_fits(const mn_block_desc *desc, mn_status *st) {
+    if (desc->zstd_level == 0 || desc->blocking != MN_BLOCKING_PACKED)
+        return MN_OK;
+    return check_cap(desc, desc->block_bytes != 0 ? desc->block_bytes : MNI_BLOCK_BYTES, st);
 }
 
 mn_code mni_block_press(mni_out *out, const char *path, const mn_block_desc *desc,
                         mn_header *header, mn_block_counts *counts, mn_status *st) {
     press p = {.desc = desc, .header = header, .st = st, .plain = out, .out = {.fd = -1}};
-    mn_code code = check_cap(desc, header, st);
+    mn_code code = check_cap(desc, header->block_bytes_max, st);
     if (code != MN_OK)
         return code;
     p.block = malloc(header->block_bytes_max);

@@ -429,7 +429,7 @@ mn_code mni_block_desc_check(const mn_tree *tree, mn_block_desc *desc, mn_status
     if (desc->l == 0)
         desc->l = 5;
     if (desc->block_bytes == 0)
-        desc->block_bytes = 8192;
+        desc->block_bytes = MNI_BLOCK_BYTES;
     if (desc->l > 16)
         return mn_fail(st, MN_USAGE, "-L %u: levels are 1 to 16", desc->l);
     if (desc->block_bytes % MN_PAGE_BYTES != 0 || desc->block_bytes > MNI_BLOCK_BYTES_MAX)
@@ -437,6 +437,8 @@ mn_code mni_block_desc_check(const mn_tree *tree, mn_block_desc *desc, mn_status
                        desc->block_bytes);
     if (desc->zstd_level > MNI_ZSTD_LEVEL_MAX)
         return mn_fail(st, MN_USAGE, "zstd's levels are 1 to %d", MNI_ZSTD_LEVEL_MAX);
+    if (mn_block_fits(desc, st) != MN_OK)
+        return MN_CAP_TOO_SMALL;
     if (tree->grid_step == 0)
         return mn_fail(st, MN_USAGE, "positions are on no grid: simplify them on one");
     if (tree->roots > MN_ROOTS_MAX)

@@ -66,6 +66,12 @@ for level in 0 23 x; do
     expect 2 block a.vdt -o z.mnt --zstd=$level
     says '1 … 22'
 done
+# what cannot fit is said before anything is read, let alone simplified
+printf 'ply\n' >cut.ply
+expect 5 build cut.ply -o z.mnt --ram 16M --zstd=22 --block-bytes 1M
+says 'zstd.*need --ram 2[0-9]M'
+expect 3 build cut.ply -o z.mnt --ram 16M --zstd=1 --block-bytes 64K
+expect 5 block a.vdt -o z.mnt --ram 16M --zstd=22 --block-bytes 1M
 expect 0 verify a.vdt --against in.ply --json
 expect 0 verify a.vdt
 grep -q '^a.vdt: sound: [0-9]* nodes' out.txt || fail "verify of a .vdt: $(cat out.txt)"
