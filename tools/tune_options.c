@@ -242,12 +242,12 @@ static int take_bound(tune_want *want, const char *at) {
     static const double MEGABYTE = 1048576, SIZE_MAX_BYTES = 4.6e18;
     const struct {
         const char *what, *unit;
-        double times, max, *bound;
-    } bounds[] = {{"p99", "ms", 1, 1e6, &want->p99_ms},
-                  {"error", "px", 1, 1e6, &want->error_px},
-                  {"misses", "%", 0.01, 1, &want->miss_rate},
-                  {"at", "MB", MEGABYTE, SIZE_MAX_BYTES, &want->ram_bytes},
-                  {"at", "GB", 1024 * MEGABYTE, SIZE_MAX_BYTES, &want->ram_bytes}};
+        double times, min, max, *bound;
+    } bounds[] = {{"p99", "ms", 1, 0, 1e6, &want->p99_ms},
+                  {"error", "px", 1, 0, 1e6, &want->error_px},
+                  {"misses", "%", 0.01, 0, 1, &want->miss_rate},
+                  {"at", "MB", MEGABYTE, 1, SIZE_MAX_BYTES, &want->ram_bytes},
+                  {"at", "GB", 1024 * MEGABYTE, 1, SIZE_MAX_BYTES, &want->ram_bytes}};
     char what[8], unit[4];
     double value;
     int length = 0;
@@ -257,8 +257,8 @@ static int take_bound(tune_want *want, const char *at) {
     for (size_t i = 0; i < sizeof bounds / sizeof bounds[0]; i++) {
         if (strcmp(what, bounds[i].what) != 0 || strcmp(unit, bounds[i].unit) != 0)
             continue;
-        const bool good =
-            isinf(*bounds[i].bound) && value >= 0 && value * bounds[i].times <= bounds[i].max;
+        const bool good = isinf(*bounds[i].bound) && value * bounds[i].times >= bounds[i].min &&
+                          value * bounds[i].times <= bounds[i].max;
         *bounds[i].bound = value * bounds[i].times;
         return good ? length : 0;
     }

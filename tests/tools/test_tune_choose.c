@@ -67,6 +67,7 @@ START_TEST(in_words) {
                                          {"p50 under 4 ms", "p50 under 4 ms"},
                                          {"at 24 MB please", "please"},
                                          {"at 24 MB and at 16 MB", "at 16 MB"},
+                                         {"at 0 MB", "at 0 MB"}, /* no cap at all, to replay */
                                          {"misses under 101 %", "misses under 101 %"}};
     for (size_t i = 0; i < sizeof good / sizeof good[0]; i++) {
         tune_want want = anything;
