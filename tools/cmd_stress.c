@@ -13,12 +13,17 @@
  * Hides: how a seed becomes a run. Thin over mn_session_…. One thread, and the sessions' own.
  * Memory: a session's. Paper: §3.3, at K near its minimum; design.md §6. */
 #include <errno.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
 #include <math.h>
 #include <signal.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -62,7 +67,7 @@ typedef struct verdict {
     mn_code code;    /* of an open that was refused */
     uint32_t k, k_min, blocks, settle_frames;
     mn_io_kind io;
-    bool faults, serial, all_blocks;
+    bool faults, serial, all_blocks, uring_refused;
     uint64_t shrunk, grown;
     mn_session_stats totals;
 } verdict;
@@ -79,6 +84,7 @@ typedef struct run {
     mn_session_desc desc;
     mn_session *session;
     bool resizes; /* place holders come and go */
+    bool warned;  /* of a ring that was refused */
     uint64_t dice;
     record record;
     verdict v;
@@ -104,8 +110,11 @@ static void choose_disk(run *r) {
     mn_session_desc *d = &r->desc;
     static const mn_io_kind mix[] = {MN_IO_SIM, MN_IO_SIM, MN_IO_SIM, MN_IO_URING, MN_IO_PREAD};
     d->io = mix[pick(r, 5)];
-    if (r->asked->io > 0)
+    r->v.uring_refused = d->io == MN_IO_URING && r->dice % 3 == 0;
+    if (r->asked->io > 0) {
         d->io = (mn_io_kind)(r->asked->io - 1);
+        r->v.uring_refused = false;
+    }
     d->io_serial = pick(r, 4) == 0;
     d->seed = r->dice;
     d->sim.delay_us_max = 1 + pick(r, 30000);
@@ -249,10 +258,34 @@ static void come_to_rest(run *r) {
 }
 
 /* false: the session could not be opened. */
+/* As where a container's rules or an old kernel do: for what is left of this process. */
+static bool refuse_uring(void) {
+    struct sock_filter rule[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_io_uring_setup, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+    };
+    const struct sock_fprog all = {sizeof rule / sizeof *rule, rule};
+    return prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 &&
+           prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &all) == 0;
+}
+
+static void hear_warning(void *context, const char *text) {
+    run *r = context;
+    r->warned |= strstr(text, "io_uring is refused") != NULL;
+}
+
 static bool run_once(run *r, mn_status *st) {
+    r->desc.warn = hear_warning;
+    r->desc.warn_context = r;
+    if (r->v.uring_refused && !refuse_uring())
+        r->v.uring_refused = false; /* this kernel has no filters: an ordinary run */
     r->v.code = mn_session_open(&r->desc, &r->session, st);
     if (r->v.code != MN_OK)
         return false;
+    if (r->v.uring_refused && !r->warned)
+        WRONG(r, "io_uring was refused, and nothing said so");
     cli_alloc_mark();
     for (uint64_t frame = 0; frame < r->asked->frames; frame++)
         take_frame(r);
@@ -348,7 +381,8 @@ static bool run_apart(const options *asked, const mn_header *header, uint64_t se
 /* ---- the command ----------------------------------------------------------------------------- */
 
 typedef struct sums {
-    uint64_t runs, frames, sim, faulty, uring, pread, twice, all_blocks, shrunk, grown;
+    uint64_t runs, frames, sim, faulty, uring, uring_refused, pread, twice, all_blocks, shrunk,
+        grown;
     uint64_t adapt, misses, refused, reads, damaged, io_errors, evictions;
     uint32_t k_least, k_most, k_min, settle_most;
     double seconds;
@@ -365,6 +399,7 @@ static void add(sums *s, const verdict *v, uint64_t frames) {
     s->sim += v->io == MN_IO_SIM;
     s->faulty += v->faults;
     s->uring += v->io == MN_IO_URING;
+    s->uring_refused += v->uring_refused;
     s->pread += v->io == MN_IO_PREAD;
     s->twice += v->io == MN_IO_SIM && v->serial;
     s->all_blocks += v->all_blocks;
@@ -387,9 +422,10 @@ static void print_words(const options *o, const sums *s) {
            "given back\n",
            s->k_least, s->k_most, s->k_min, (unsigned long long)s->shrunk,
            (unsigned long long)s->grown);
-    printf("  disks      %llu simulated (%llu with faults), %llu io_uring, %llu pread\n",
+    printf("  disks      %llu simulated (%llu with faults), %llu io_uring (%llu refused), "
+           "%llu pread\n",
            (unsigned long long)s->sim, (unsigned long long)s->faulty, (unsigned long long)s->uring,
-           (unsigned long long)s->pread);
+           (unsigned long long)s->uring_refused, (unsigned long long)s->pread);
     printf("  work       %llu splits and collapses, %llu misses, %llu refusals, %llu reads, %llu "
            "evictions\n",
            (unsigned long long)s->adapt, (unsigned long long)s->misses,
@@ -418,6 +454,7 @@ static void print_json(const options *o, const sums *s, const char *wrong, uint6
     json_u64(&j, "runs_simulated", s->sim);
     json_u64(&j, "runs_with_faults", s->faulty);
     json_u64(&j, "runs_uring", s->uring);
+    json_u64(&j, "runs_uring_refused", s->uring_refused);
     json_u64(&j, "runs_pread", s->pread);
     json_u64(&j, "runs_twice", s->twice);
     json_u64(&j, "runs_all_blocks", s->all_blocks);

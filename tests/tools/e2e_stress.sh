@@ -22,6 +22,10 @@ for policy in packed levels; do
     check "$policy: the same again" cmp "$scratch/1.json" "$scratch/2.json"
 done
 
+# Where io_uring is refused: by lot, of 40 runs some.
+expect 0 "refused rings" stress "$scratch/packed.mnt" --runs 40 --frames 20 --json
+check "refused rings: some" test "$(sed -nE 's/.*"runs_uring_refused": ([0-9]+),/\1/p' "$out")" -gt 0
+
 # An interrupt, which the run's own process gets as well, is no finding: it ends after that run.
 set -m # or it would be deaf to SIGINT
 "$metanode" stress "$scratch/packed.mnt" --seconds 60 --frames 60 >"$out" 2>"$err" &
