@@ -59,6 +59,7 @@ typedef struct exit_place {
 /* A block that is open. */
 typedef struct level {
     mn_block_ref self; /* pages 0: none */
+    uint32_t ref;      /* of its parent, whose exits are its subtrees */
     unsigned char *bytes;
     mni_block view;
     uint32_t refs;
@@ -352,6 +353,7 @@ static mn_code open_block(walk *w, uint32_t above, uint32_t ref, mn_block_ref at
         code = place_nodes(w, l);
     if (code == MN_OK)
         l->self = at;
+    l->ref = ref;
     return code;
 }
 
@@ -505,7 +507,7 @@ static mn_code open_exit(walk *w, uint32_t above, exit_place *exit) {
                                        : mni_frame_ref(parent->bytes, exit->ref);
     mn_code code = MN_OK;
     if (above + 1 == w->levels || w->level[above + 1]->self.pages == 0 ||
-        w->level[above + 1]->self.id != at.id)
+        w->level[above + 1]->self.id != at.id || w->level[above + 1]->ref != exit->ref)
         code = open_block(w, above, exit->ref, at);
     if (code != MN_OK)
         return code;

@@ -2,9 +2,11 @@
  * order, however it is cut; and takes no more memory than it may. Method: trees of meshes and
  * random ones, cut in several ways and walked; beside them what the tree in memory gives. */
 #include <check.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "frame.h"
 #include "mnt_rows.h"
 #include "simplify.h"
 #include "suite.h"
@@ -200,6 +202,67 @@ START_TEST(order_ids_are_looked_at_in_parts) {
 }
 END_TEST
 
+/* The walk over the file, with bytes [at, at + count) as they are in memory. */
+static mn_code walk_with(const mni_mnt *mnt, const unsigned char *bytes, uint64_t at,
+                         uint32_t count, mn_status *st) {
+    const mni_mnt_sink nobody = {0};
+    mni_mnt again;
+    FILE *f = fopen(mnt->path, "r+b");
+    ck_assert(f != NULL && fseek(f, (long)at, SEEK_SET) == 0);
+    ck_assert_uint_eq(fwrite(bytes, 1, count, f), count);
+    ck_assert_int_eq(fclose(f), 0);
+    *st = (mn_status){0};
+    mn_code code = mni_mnt_open(&again, mnt->path, st);
+    if (code == MN_OK)
+        code = mni_mnt_walk(&again, &(mni_mnt_desc){0}, &nobody, st);
+    mni_mnt_close(&again);
+    return code;
+}
+
+/* A reference that leads where its neighbour does: what the block knows of one child's subtrees is
+ * then asked of another, which may have fewer of them. */
+START_TEST(a_child_that_two_references_lead_to_is_refused) {
+    enum { TRIES = 100 };
+    mn_tree tree;
+    mni_mnt mnt;
+    mn_status st = {0};
+    uint32_t tried = 0;
+    make_tree(0, &tree);
+    open_cut(&tree, &cuts[_i == 0 ? 0 : CUTS - 1], &mnt);
+    unsigned char *block = malloc(mnt.header.block_bytes_max);
+    FILE *f = fopen(mnt.path, "rb");
+    ck_assert(block != NULL && f != NULL);
+    for (uint64_t at = MN_PAGE_BYTES; at < mnt.header.file_bytes && tried < TRIES;) {
+        ck_assert(fseek(f, (long)at, SEEK_SET) == 0);
+        ck_assert_uint_eq(fread(block, 1, MN_PAGE_BYTES, f), MN_PAGE_BYTES);
+        const mn_block_ref self = {(uint32_t)(at / MN_PAGE_BYTES), mni_frame_pages(block)};
+        const uint32_t length = self.pages * MN_PAGE_BYTES;
+        ck_assert_uint_eq(fread(block + MN_PAGE_BYTES, 1, length - MN_PAGE_BYTES, f),
+                          length - MN_PAGE_BYTES);
+        mni_frame frame;
+        mni_frame_get(block, &frame);
+        for (uint32_t r = 1; r < frame.refs; r++, tried++) {
+            const mn_block_ref was = mni_frame_ref(block, r);
+            mni_frame_set_ref(block, r, mni_frame_ref(block, r - 1));
+            mni_frame_seal(block, &frame, self, mnt.header.build_id);
+            ck_assert_int_eq(walk_with(&mnt, block, at, length, &st), MN_BAD_INPUT);
+            ck_assert_msg(strstr(st.text, "is not what its parent says") != NULL ||
+                              strstr(st.text, "where its parent knows of") != NULL,
+                          "%s", st.text);
+            mni_frame_set_ref(block, r, was);
+            mni_frame_seal(block, &frame, self, mnt.header.build_id);
+        }
+        ck_assert_msg(walk_with(&mnt, block, at, length, &st) == MN_OK, "%s", st.text);
+        at += length;
+    }
+    ck_assert_uint_gt(tried, 0);
+    fclose(f);
+    free(block);
+    mni_mnt_close(&mnt);
+    mn_tree_free(&tree);
+}
+END_TEST
+
 static mn_code stop_row(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
     (void)row;
     (void)node;
@@ -228,6 +291,7 @@ int main(void) {
     tcase_add_loop_test(t, the_top_of_a_tree_comes_alone, 0, 3);
     tcase_add_test(t, a_cap_is_kept_or_refused);
     tcase_add_test(t, order_ids_are_looked_at_in_parts);
+    tcase_add_loop_test(t, a_child_that_two_references_lead_to_is_refused, 0, 2);
     tcase_add_test(t, who_takes_may_end_it);
     suite_add_tcase(s, t);
     return suite_run(s);
