@@ -105,31 +105,34 @@ static mn_code count_triangle(void *context, const mni_row_simplex *simplex) {
     return MN_OK;
 }
 
-/* Lets bins go while more than wanted are left; the first that is not to go as a whole. */
-static uint32_t pass_bins(const extraction *x, uint64_t *left) {
+/* Lets bins go that leave more than wanted: `over` of them. The first that is not to go whole. */
+static uint32_t pass_bins(const extraction *x, uint64_t *over) {
     uint32_t bin = 0;
-    while (bin<BINS && * left> x->desc->triangles && x->bin[bin] <= *left &&
-           *left - x->bin[bin] > x->desc->triangles)
-        *left -= x->bin[bin++];
+    while (bin < BINS && x->bin[bin] < *over)
+        *over -= x->bin[bin++];
     return bin;
 }
 
 /* As few collapses as leave so few triangles. */
 static mn_code find_cut(extraction *x) {
-    uint64_t left = x->mnt.header.triangles;
+    const uint64_t all = x->mnt.header.triangles, wanted = x->desc->triangles;
     x->first = 0;
     x->width = x->inner / BINS + 1;
     mn_code code = walk(x, 0, note_node, count_triangle, "checking");
-    if (code != MN_OK || left <= x->desc->triangles)
+    if (code != MN_OK || all <= wanted)
         return code;
-    x->first = pass_bins(x, &left) * x->width;
+    uint64_t over = all - wanted;
+    x->first = pass_bins(x, &over) * x->width;
     memset(x->bin, 0, BINS * sizeof *x->bin);
     MN_ASSERT(x->width <= BINS); /* 2^31 nodes have bins of 2^15 */
     x->width = 1;
     code = walk(x, x->first, note_node, count_triangle, "extracting");
-    for (x->made = x->first; x->made < x->inner && left > x->desc->triangles; x->made++)
-        left -= x->bin[x->made - x->first];
-    return code;
+    if (code != MN_OK)
+        return code;
+    x->made = x->first;
+    for (uint32_t i = 0; i < BINS && x->made < x->inner && over > 0; i++, x->made++)
+        over -= x->bin[i] < over ? x->bin[i] : over; /* the file may have been changed */
+    return MN_OK;
 }
 
 /* ---- the front ------------------------------------------------------------------------------ */

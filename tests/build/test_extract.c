@@ -303,6 +303,47 @@ START_TEST(a_small_cap_is_refused_with_one_that_does) {
 }
 END_TEST
 
+/* Takes the root's block away, once it has been read. */
+static bool damage(void *context, const char *phase, uint64_t done, uint64_t total) {
+    static const unsigned char zeros[MN_PAGE_BYTES];
+    const char *path = context;
+    mn_header h;
+    mn_status st = {0};
+    (void)phase;
+    (void)done;
+    (void)total;
+    ck_assert_msg(mn_header_read(path, &h, &st) == MN_OK, "%s", st.text);
+    FILE *f = fopen(path, "r+b");
+    ck_assert(f != NULL && fseek(f, (long)h.root[0].block.id * MN_PAGE_BYTES, SEEK_SET) == 0);
+    ck_assert_uint_eq(fwrite(zeros, 1, sizeof zeros, f), sizeof zeros);
+    ck_assert_int_eq(fclose(f), 0);
+    return true;
+}
+
+/* The second walk, which counts single nodes, comes to nothing; and there are more nodes than
+ * counters. */
+START_TEST(a_file_may_be_damaged_between_two_walks) {
+    char in[160], out[160];
+    mn_mesh mesh;
+    mn_tree tree;
+    mn_extract_result result;
+    mn_status st = {0};
+    const mn_watch watch = {damage, in};
+    const mn_block_desc cut = {.block_bytes = 4096};
+    snprintf(in, sizeof in, "%s", fixture_path("damaged.mnt"));
+    snprintf(out, sizeof out, "%s", fixture_path("damaged.ply"));
+    fixture_sheet(300, 1, false, &mesh);
+    fixture_tree(&mesh, &tree);
+    ck_assert_uint_gt(tree.inner, 80000);
+    ck_assert(mn_block_write(in, &tree, &cut, NULL, NULL, &st) == MN_OK);
+    const mn_extract_desc desc = {MN_EXTRACT_TRIANGLES, .triangles = mesh.triangles - 1};
+    ck_assert_int_eq(mn_extract_file(in, &desc, &watch, out, &result, &st), MN_BAD_INPUT);
+    ck_assert_ptr_nonnull(strstr(st.text, "does not begin like a block"));
+    mn_tree_free(&tree);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
 int main(void) {
     Suite *s = suite_create("extract");
     TCase *t = tcase_create("fronts");
@@ -312,6 +353,7 @@ int main(void) {
     tcase_add_test(t, full_detail_and_nothing_at_all);
     tcase_add_loop_test(t, files_hold_the_same_fronts, 0, 3);
     tcase_add_test(t, a_small_cap_is_refused_with_one_that_does);
+    tcase_add_test(t, a_file_may_be_damaged_between_two_walks);
     suite_add_tcase(s, t);
     return suite_run(s);
 }
