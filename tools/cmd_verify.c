@@ -13,19 +13,18 @@
 static const char help[] =
     "usage: metanode verify FILE [--against IN] [--ram SIZE] [--temp-dir DIR] [--weld on|off] "
     "[--json]\n\n"
-    "Reads the whole .mnt or .vdt: checksums, places, structure inside blocks and across them, "
-    "and\n"
-    "that the header counts what is there. Exit 3 and one line for the first thing that is "
-    "wrong.\n\n"
+    "Reads the whole .mnt or .vdt: checksums, places, structure inside blocks and across\n"
+    "them, and that the header counts what is there. Exit 3 and one line for the first thing\n"
+    "that is wrong.\n\n"
     "  --against IN    full detail must be this mesh, triangle for triangle, each with its\n"
     "                  orientation, vertices within half a step of the file's grid; each hinge\n"
     "                  must be one of its edges\n"
     "  --weld on|off   as the file was built; without it, the one that gives as many vertices\n"
     "  --reader own|openmesh\n"
     "  --ram SIZE      cap for the whole process, whatever the file's size: 5M, with --against\n"
-    "                  about 11M. A .vdt is held in memory, 120 bytes a vertex; where that does\n"
-    "                  not fit it is refused. Default: half of the memory, or of what the cgroup\n"
-    "                  allows\n"
+    "                  about 11M, more where blocks are hundreds deep. A .vdt is held in\n"
+    "                  memory, 120 bytes a vertex; where that does not fit it is refused.\n"
+    "                  Default: half of the memory, or of what the cgroup allows\n"
     "  --temp-dir DIR  with --against: where temporary files go (default: beside FILE)\n"
     "  --json          figures as one JSON object\n";
 
@@ -88,7 +87,7 @@ int cmd_verify(int argc, char **argv) {
                                .reader = (mn_reader)reader,
                                .progress = cli_progress,
                                .progress_context = &meter};
-    code = temp_place(&temp, file, temp_dir, false, &st);
+    code = temp_folder(&temp, file, temp_dir, &st);
     desc.temp_dir = temp.folder;
     if (code == MN_OK && mn_tree_is_vdt(file))
         code = mn_tree_fits(file, desc.against != NULL ? MN_TREE_COMPARE : MN_TREE_LOAD,

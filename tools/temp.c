@@ -66,10 +66,14 @@ static mn_code name_folders(temp_files *files, const char *out, const char *temp
     return MN_OK;
 }
 
+mn_code temp_folder(temp_files *files, const char *out, const char *temp_dir, mn_status *st) {
+    *files = (temp_files){0};
+    return name_folders(files, out, temp_dir, st);
+}
+
 mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, bool resume,
                    mn_status *st) {
-    *files = (temp_files){0};
-    if (name_folders(files, out, temp_dir, st) != MN_OK)
+    if (temp_folder(files, out, temp_dir, st) != MN_OK)
         return st->code;
     const bool linked = read_link(files->link, files->left);
     if (!linked)

@@ -23,6 +23,8 @@ typedef struct temp_files {
  * MN_USAGE: what is to be resumed lies somewhere else. MN_FAILED: a name that is too long. */
 mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, bool resume,
                    mn_status *st);
+/* The same for who finishes no phase: what a build has left is neither looked at nor cleared. */
+mn_code temp_folder(temp_files *files, const char *out, const char *temp_dir, mn_status *st);
 /* The folder of an earlier build that this one does not go on with, nor has cleared, since it lies
  * elsewhere; NULL: there is none. */
 const char *temp_left(const temp_files *files);
@@ -30,8 +32,7 @@ const char *temp_left(const temp_files *files);
 void temp_begin(const temp_files *files);
 void temp_end(const temp_files *files);
 /* MN_NO_SPACE where the folder's disk has less room than what is planned; what an earlier build has
- * kept counts as room. On a terminal that plan
- * is told, on standard error. out: for whose sake. */
+ * kept counts as room. On a terminal that plan is told, on standard error. out: for whose sake. */
 mn_code temp_check(const temp_files *files, const char *out, mn_status *st);
 /* Adds up what this process holds, by its open files. At most 20 times a second; otherwise nothing
  * is done. */

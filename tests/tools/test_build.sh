@@ -73,6 +73,11 @@ says 'zstd.*need --ram 2[0-9]M'
 expect 3 build cut.ply -o z.mnt --ram 16M --zstd=1 --block-bytes 64K
 expect 5 block a.vdt -o z.mnt --ram 16M --zstd=22 --block-bytes 1M
 expect 0 verify a.vdt --against in.ply --json
+# what a build that was killed has left for its --resume is nobody else's to clear
+ln -s elsewhere/a.mnt-0.work a.mnt.work
+expect 0 verify a.mnt --against in.ply
+[ -L a.mnt.work ] || fail "verify removed the link of a build that may be gone on with"
+rm -f a.mnt.work
 expect 0 verify a.vdt
 grep -q '^a.vdt: sound: [0-9]* nodes' out.txt || fail "verify of a .vdt: $(cat out.txt)"
 # --- the grid: coarser is smaller, what falls together is counted, on both sides alike
