@@ -330,6 +330,10 @@ static uint64_t filter_bit(const mni_against *a, uint64_t ends) {
 mn_code mni_against_simplex(mni_against *a, const uint32_t corner[3]) {
     const bool is_hinge = corner[2] == MN_NONE;
     uint32_t n[3];
+    if (is_hinge && a->hinges == NULL)
+        return mn_fail(a->st, MN_BAD_INPUT,
+                       "%s: a hinge (leaves %u %u), and its header counts none", a->desc.name,
+                       corner[0], corner[1]);
     if (!look_up(a, corner, is_hinge ? 2 : 3, n))
         return table_trouble(a);
     if (is_hinge) {

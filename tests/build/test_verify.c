@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "against.h"
 #include "suite.h"
 #include "tree_fixture.h"
 
@@ -222,6 +223,34 @@ START_TEST(a_hinge_must_be_an_edge) {
 }
 END_TEST
 
+/* The simplices come from another walk than the counts: in between the file may have been changed.
+ */
+START_TEST(a_hinge_where_there_are_to_be_none_is_said) {
+    char input[160];
+    mn_mesh mesh;
+    mn_status st = {0};
+    mni_against *a;
+    snprintf(input, sizeof input, "%s", fixture_path("none.ply"));
+    fixture_sheet(4, 1, false, &mesh);
+    ck_assert(mn_mesh_write_ply(input, &mesh, &st) == MN_OK);
+    const mni_against_desc desc = {.name = "none.mnt",
+                                   .input = input,
+                                   .work_bytes = MNI_AGAINST_WORK_MIN,
+                                   .temp_dir = "/tmp",
+                                   .leaves = mesh.vertices,
+                                   .triangles = mesh.triangles};
+    ck_assert_msg(mni_against_open(&a, &desc, &st) == MN_OK, "%s", st.text);
+    for (uint32_t v = 0; v < mesh.vertices; v++)
+        ck_assert(mni_against_leaf(a, v, mesh.position + 3 * (size_t)v) == MN_OK);
+    ck_assert_msg(mni_against_match(a) == MN_OK, "%s", st.text);
+    const uint32_t hinge[3] = {0, 1, MN_NONE};
+    ck_assert_int_eq(mni_against_simplex(a, hinge), MN_BAD_INPUT);
+    ck_assert_ptr_nonnull(strstr(st.text, "a hinge (leaves 0 1)"));
+    mni_against_close(a);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
 START_TEST(what_is_no_file_of_ours_is_said) {
     mn_verify_result r;
     mn_status st;
@@ -270,6 +299,7 @@ int main(void) {
     tcase_add_test(t, half_a_step_is_let_pass);
     tcase_add_test(t, another_origin_is_heeded);
     tcase_add_test(t, a_hinge_must_be_an_edge);
+    tcase_add_test(t, a_hinge_where_there_are_to_be_none_is_said);
     tcase_add_test(t, what_is_no_file_of_ours_is_said);
     tcase_add_loop_test(t, a_vdt_keeps_the_tree, 0, 2);
     suite_add_tcase(s, t);
