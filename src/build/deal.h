@@ -12,7 +12,7 @@
  * what crosses, a few in a hundred. Vertices of too many triangles for a cell are found on the way
  * (heavy.h): they belong to no cell (frozen.h), and where there are any the first pass is done once
  * more without them. One thread at a time; calls may block on the disk. Memory: work_bytes, 8 bytes
- * a cell, 16 bytes a hub, and 32 bytes for 4,096 triangles. */
+ * a cell, 16 bytes a hub, and up to 64 bytes for 4,096 triangles. */
 #ifndef MNI_DEAL_H
 #define MNI_DEAL_H
 

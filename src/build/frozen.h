@@ -16,7 +16,7 @@
  * is a vertex like others.
  *
  * One table is read while a round goes on; what cells tell goes into another, in the order of
- * cells. One thread at a time. Memory: 320 bytes a hub. */
+ * cells. One thread at a time. Memory: 272 bytes a hub in each. */
 #ifndef MNI_FROZEN_H
 #define MNI_FROZEN_H
 

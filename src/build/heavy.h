@@ -4,7 +4,8 @@
  * So many counters; a number without one takes a free one, or, if there is none, lowers all until
  * one is free. So what is counted of a number falls short by the weight of all divided by the
  * counters, at most, and none that came more often than that is lost. What is counted depends on
- * the numbers and their order alone. One thread; memory: 32 bytes a counter, taken at open. */
+ * the numbers and their order alone. One thread. Memory: 32 to 64 bytes a counter,
+ * taken at open. */
 #ifndef MNI_HEAVY_H
 #define MNI_HEAVY_H
 

@@ -13,8 +13,8 @@
  * order is that of the paper but for the hub itself: its own collapses may come late. A hub ceases
  * to be one when half of what makes one is left.
  *
- * One thread. Memory: 96 bytes a hub, of which there are at most simplices × 3 / MNI_HUB_FAN at a
- * time. */
+ * One thread. Memory: 104 bytes a place, and up to eight places a hub; of hubs there are at most
+ * simplices × 3 / MNI_HUB_FAN at a time. */
 #ifndef MNI_HUB_H
 #define MNI_HUB_H
 
