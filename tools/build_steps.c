@@ -16,10 +16,7 @@ static const char *const reader_names[] = {"own", "openmesh", NULL};    /* by mn
 
 /* ---- options -------------------------------------------------------------------------------- */
 
-enum {
-    MMAP_BYTES = 16 << 10, /* what takes more is given back as soon as it is freed */
-    ZSTD_LEVEL = 3,        /* of --zstd alone: zstd's own default */
-};
+enum { ZSTD_LEVEL = 3 }; /* of --zstd alone: zstd's own default */
 
 /* As they stand on the command line. */
 typedef struct words {
@@ -190,8 +187,10 @@ static mn_code begin(build_steps *b) {
     b->temp.planned_bytes = mn_vdt_temp_bytes(
         vertices, triangles, b->simplify.work_bytes != 0 ? b->simplify.work_bytes : b->ram_bytes);
     code = temp_check(&b->temp, b->out, &b->st);
-    if (code == MN_OK)
+    if (code == MN_OK) {
+        temp_take(&b->temp);
         code = mn_work_open(&b->work, &desc, &b->st);
+    }
     if (code == MN_OK) {
         clear_left(b, desc);
         temp_begin(&b->temp);

@@ -91,12 +91,17 @@ mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, boo
             st, MN_USAGE,
             "%.200s: what was finished is kept in %.200s: leave out --temp-dir to go on there", out,
             files->left);
-    } else if (temp_dir == NULL) {
-        if (linked)
-            (void)unlink(files->link); /* of a build that is not gone on with */
-        files->link[0] = 0;
     }
     return MN_OK;
+}
+
+void temp_take(temp_files *files) {
+    char kept[PATH_MAX];
+    if (strcmp(files->link, files->work) != 0)
+        return;
+    if (read_link(files->link, kept))
+        (void)unlink(files->link); /* of a build that is not gone on with */
+    files->link[0] = 0;
 }
 
 const char *temp_left(const temp_files *files) {
@@ -124,11 +129,13 @@ void temp_end(const temp_files *files) {
         (void)unlink(files->link);
 }
 
-/* What a build before this one has left in the folder of finished phases. */
+/* What a build before this one has left in the folder of finished phases; not where a link leads.
+ */
 static uint64_t kept_bytes(const char *work) {
     uint64_t bytes = 0;
     struct stat info;
-    DIR *list = opendir(work);
+    const int folder = open(work, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    DIR *list = folder >= 0 ? fdopendir(folder) : NULL;
     const struct dirent *entry;
     while (list != NULL && (entry = readdir(list)) != NULL)
         if (fstatat(dirfd(list), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) == 0 &&

@@ -12,19 +12,22 @@
 typedef struct temp_files {
     char folder[PATH_MAX];  /* for files without names: --temp-dir, or the output's */
     char work[PATH_MAX];    /* of the phases that are finished (mn_work): in there */
-    char link[PATH_MAX];    /* beside the output, where work is not: leads there */
+    char link[PATH_MAX];    /* beside the output, where work is not: leads there; or empty */
     char left[PATH_MAX];    /* where an earlier build of this output had its phases, or work */
     uint64_t planned_bytes; /* at most so many are thought to be needed */
     uint64_t held_bytes, peak_bytes;
     double looked_s; /* when that was */
 } temp_files;
 
-/* Chooses both folders; temp_dir may be NULL: then who resumes goes on where the link leads.
+/* Chooses both folders, and changes nothing; temp_dir may be NULL: then who resumes goes on where
+ * the link leads.
  * MN_USAGE: what is to be resumed lies somewhere else. MN_FAILED: a name that is too long. */
 mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, bool resume,
                    mn_status *st);
 /* The same for who finishes no phase: what a build has left is neither looked at nor cleared. */
 mn_code temp_folder(temp_files *files, const char *out, const char *temp_dir, mn_status *st);
+/* The folder is about to be opened: what stands in its place as a link goes. */
+void temp_take(temp_files *files);
 /* The folder of an earlier build that this one does not go on with, nor has cleared, since it lies
  * elsewhere; NULL: there is none. */
 const char *temp_left(const temp_files *files);

@@ -126,6 +126,32 @@ START_TEST(what_is_kept_is_room) {
 }
 END_TEST
 
+/* Only a build that has got as far as its folder takes the link away that --resume would follow;
+ * what the link leads to is not in its folder. */
+START_TEST(links_stay_until_taken) {
+    char out[64], kept[64], link[80], to[PATH_MAX];
+    snprintf(out, sizeof out, "%s/out", folder);
+    snprintf(kept, sizeof kept, "%s/kept", folder);
+    snprintf(link, sizeof link, "%s.work", out);
+    ck_assert_int_eq(mkdir(kept, 0700), 0);
+    ck_assert_int_eq(symlink(kept, link), 0);
+    close(file_of("kept/1-0", 4096));
+    place("elsewhere", NULL);
+    const uint64_t before = held(); /* whatever the harness has open */
+    place(out, NULL);
+    ck_assert_uint_eq(held(), before);
+    temp_end(&files); /* refused before it began */
+    ck_assert_int_eq(readlink(link, to, sizeof to), strlen(kept));
+    temp_take(&files);
+    ck_assert_int_eq(readlink(link, to, sizeof to), -1);
+    ck_assert_str_eq(temp_left(&files), kept);
+    temp_end(&files);
+    snprintf(link, sizeof link, "%s/1-0", kept);
+    unlink(link);
+    rmdir(kept);
+}
+END_TEST
+
 START_TEST(room) {
     mn_status st = {0};
     char out[64];
@@ -153,6 +179,7 @@ int main(void) {
     tcase_add_test(tc, places);
     tcase_add_test(tc, what_is_held);
     tcase_add_test(tc, what_is_kept_is_room);
+    tcase_add_test(tc, links_stay_until_taken);
     tcase_add_test(tc, room);
     suite_add_tcase(suite, tc);
     const int failed = suite_run(suite);
