@@ -106,8 +106,9 @@ static mn_code frame_camera(shoot *s, mn_camera *out, mn_status *st) {
 static void report(const shoot *s, const mn_session *session, const picture *p,
                    const mn_frame_stats *stats, uint32_t settle_frames) {
     if (!s->session.json) {
-        printf("%s: %" PRIu64 " triangles, error %.3g px, settled in %u frames\n", s->out,
-               stats->triangles, stats->error_px, settle_frames);
+        printf("%s: %" PRIu64 " triangles, error %.3g px, %ssettled %s %u frames\n", s->out,
+               stats->triangles, stats->error_px, stats->changed ? "not " : "",
+               stats->changed ? "after" : "in", settle_frames);
         return;
     }
     json j;
@@ -124,6 +125,7 @@ static void report(const shoot *s, const mn_session *session, const picture *p,
     json_f64(&j, "tolerance_px", stats->tolerance_px);
     json_u64(&j, "misses", stats->misses);
     json_u64(&j, "settle_frames", settle_frames);
+    json_bool(&j, "settled", !stats->changed);
     json_u64(&j, "ram_cap_bytes", plan.ram_cap_bytes);
     json_u64(&j, "ram_planned_bytes", plan.planned_bytes);
     json_u64(&j, "rss_peak_bytes", p->load.own_peak_bytes);
@@ -141,9 +143,6 @@ static mn_code take(const shoot *s, const mn_camera *camera, mn_session *session
         return code;
     const uint32_t settle_frames = mn_session_settle(session, camera, SETTLE_FRAMES_MAX);
     mn_session_frame(session, camera, &stats);
-    if (stats.changed)
-        fprintf(stderr, "metanode: warning: not settled after %u frames; shown as it is\n",
-                settle_frames);
     code = picture_draw(p, session, camera, &s->look, st);
     if (code == MN_OK)
         code = picture_png(p, s->out, st);
