@@ -82,12 +82,9 @@ static int make_shape(int argc, char **argv, const mn_make_desc *desc_in, const 
     mn_make_desc desc = *desc_in;
     mn_status st = {0};
     cli_meter meter = {0};
-    int shape = cli_choice(argv[0], shape_names);
-    if (shape < 0)
-        return cli_error(MN_USAGE, "make: no shape '%s'; metanode make --help lists them", argv[0]);
     if (argc > 1)
         return cli_error(MN_USAGE, "make: '%s' is one argument too many", argv[1]);
-    desc.shape = (mn_shape)shape;
+    desc.shape = (mn_shape)cli_choice(argv[0], shape_names); /* one of them: cmd_make */
     desc.progress = cli_progress;
     desc.progress_context = &meter;
     if (check_shape(&desc, out) != MN_OK)
@@ -124,13 +121,16 @@ int cmd_make(int argc, char **argv) {
         return (int)code;
     if (optind >= argc)
         return cli_error(MN_USAGE, "make: which shape? metanode make --help lists them");
+    const bool subdivide = strcmp(argv[optind], "subdivide") == 0;
+    if (!subdivide && cli_choice(argv[optind], shape_names) < 0)
+        return cli_error(MN_USAGE, "make: no shape '%s'; metanode make --help lists them",
+                         argv[optind]);
     if (out == NULL)
         return cli_error(MN_USAGE, "make: where to? give -o OUT.ply");
     if (exaggerated > 0 && exaggeration <= 0)
         return cli_error(MN_USAGE, "make: --exaggeration '0' is not a factor above 0");
     desc.stride = (uint32_t)stride;
     desc.exaggeration = exaggeration;
-    const bool subdivide = strcmp(argv[optind], "subdivide") == 0;
     if (!subdivide && times != 0)
         return cli_error(MN_USAGE, "make %s: --times is for subdivide", argv[optind]);
     if (subdivide && (desc.triangles != 0 || desc.seed != 0 || desc.etopo != NULL || stride != 0 ||
