@@ -168,7 +168,12 @@ bool cli_size(const char *text, uint64_t *bytes) {
     if (*end != 0) {
         char unit = *end >= 'a' && *end <= 'z' ? (char)(*end - 'a' + 'A') : *end;
         const char *found = strchr(units, unit);
-        if (found == NULL || end[1] != 0)
+        const char *rest = end + 1;
+        if (found != units && (*rest == 'i' || *rest == 'I') && rest[1] != 0)
+            rest++;
+        if (found != units && (*rest == 'b' || *rest == 'B'))
+            rest++;
+        if (found == NULL || *rest != 0)
             return false;
         v = ldexp(v, 10 * (int)(found - units));
     }

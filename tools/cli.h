@@ -79,7 +79,7 @@ extern const char *const cli_on_off[]; /* names: 0 on, 1 off; as mn_weld */
  * help was asked for, and printed. */
 mn_code cli_flags(int argc, char **argv, const cli_flag *flags, const char *help, bool *done);
 
-/* "16M", "1.5G", "4096": powers of 1024. false: not a size, or 0, or above 2^62. */
+/* "16M", "16MB", "16MiB", "1.5G", "4096": powers of 1024. false: not a size, or 0, or above 2^62. */
 bool cli_size(const char *text, uint64_t *bytes);
 /* "100", "20k", "5M": powers of 1000. */
 bool cli_u64(const char *text, uint64_t min, uint64_t max, uint64_t *value);
