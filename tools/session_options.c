@@ -13,9 +13,11 @@ enum {
 
 const char session_options_help[] =
     "  --path P          orbit, dive, flyover, or a path file\n"
-    "  --ram SIZE        cap of the whole process, such as 16M; default: none\n"
+    "  --ram SIZE        cap of the whole process, such as 16M (also 16MB, 16MiB); default: none\n"
     "  -K N              place holders; min: as few as work\n"
-    "  --store S         paged (default), mapped, resident\n"
+    "  --store S         paged (default); mapped, by the operating system; resident, all read at "
+    "the\n"
+    "                    start: to compare, and in both the file itself is beside the cap\n"
     "  --tolerance PX    error on the screen that is let pass (1.0)\n"
     "  --triangles-max N  a target instead: the smallest tolerance for which so many are enough;\n"
     "                    with --tolerance: none smaller than that\n"
@@ -171,7 +173,7 @@ static const char *take(session_options *o, int option, const char *value) {
         o->path_name = value;
         return NULL;
     case SESSION_RAM:
-        return cli_size(value, &o->desc.ram_bytes) ? NULL : "--ram: a size such as 16M";
+        return cli_size(value, &o->desc.ram_bytes) ? NULL : "--ram: a size such as 16M or 1.5G";
     case 'K':
         return take_places(o, value) ? NULL : "-K: a number of place holders, or min";
     case SESSION_STORE:

@@ -27,6 +27,7 @@ enum {
     FRONT_MIN = 1536,         /* active nodes below which a picture is not worth having */
     FRONT_FREE_MAX = 1 << 20, /* active nodes without a cap */
     FRONT_SHARE = 2,          /* the front gets up to half of what the base leaves */
+    K_LIMIT = UINT32_MAX / 8, /* holders: indices have bits to spare */
     K_SPARE = 4,              /* holders beyond one a block: for rules that keep one free */
     SIMPLICES_EXTRA = 1024,   /* beyond 9/4 a node: fronts with many hinges or fins */
 };
@@ -141,20 +142,34 @@ static void plan_capped(const mni_ram_plan_desc *desc, const mn_header *header, 
                               room - paged_bytes(header, plan->k));
 }
 
+static mn_code too_small(uint64_t ram_bytes, uint32_t k, uint32_t block_bytes, uint64_t enough,
+                         mn_status *st) {
+    const bool whole = ram_bytes % 1024 == 0; /* as it was asked for, not rounded to 0K */
+    return mn_fail(st, MN_CAP_TOO_SMALL,
+                   "--ram %" PRIu64 "%s is too small for %" PRIu32 " place holders of %" PRIu32
+                   "K: --ram %" PRIu64 "K would work",
+                   whole ? ram_bytes >> 10 : ram_bytes, whole ? "K" : "", k, block_bytes >> 10,
+                   enough >> 10);
+}
+
 mn_code mni_ram_plan_make(const mni_ram_plan_desc *desc, const mn_header *header, mn_plan *out,
                           mn_status *st) {
     mn_plan plan = {.ram_cap_bytes = desc->ram_bytes,
                     .base_bytes = BASE_BYTES + desc->base_bytes,
                     .k_min = mni_store_k_min(header)};
-    if (desc->k != MN_K_FROM_RAM && desc->k != MN_K_MIN &&
-        (desc->k < (int64_t)plan.k_min || desc->k > UINT32_MAX / 8))
+    if (desc->k > K_LIMIT)
+        return mn_fail(st, MN_USAGE,
+                       "-K %" PRId64 ": too many place holders, %d at most; this file has %" PRIu32
+                       " blocks",
+                       desc->k, K_LIMIT, header->blocks);
+    if (desc->k != MN_K_FROM_RAM && desc->k != MN_K_MIN && desc->k < (int64_t)plan.k_min)
         return mn_fail(st, MN_USAGE,
                        "-K %" PRId64 ": this file needs at least %" PRIu32
                        " place holders; try -K min",
                        desc->k, plan.k_min);
     uint32_t k_least = desc->k > 0 ? (uint32_t)desc->k : plan.k_min;
     uint64_t enough = (uint64_t)header->blocks + K_SPARE;
-    uint32_t k_most = enough > k_least ? least_u32(enough, UINT32_MAX / 8) : k_least;
+    uint32_t k_most = enough > k_least ? least_u32(enough, K_LIMIT) : k_least;
     uint32_t front_most =
         front_limit(header, desc->front_max > 0 ? desc->front_max : FRONT_FREE_MAX);
     uint32_t front_least = front_limit(header, desc->front_max > 0 ? desc->front_max : FRONT_MIN);
@@ -166,11 +181,7 @@ mn_code mni_ram_plan_make(const mni_ram_plan_desc *desc, const mn_header *header
     if (desc->ram_bytes == 0)
         plan_free(desc, header, k_least, k_most, front_least, front_most, &plan);
     else if (desc->ram_bytes < plan.ram_min_bytes)
-        return mn_fail(st, MN_CAP_TOO_SMALL,
-                       "--ram %" PRIu64 "K is too small for %" PRIu32 " place holders of %" PRIu32
-                       "K: --ram %" PRIu64 "K would work",
-                       desc->ram_bytes >> 10, k_least, header->block_bytes_max >> 10,
-                       plan.ram_min_bytes >> 10);
+        return too_small(desc->ram_bytes, k_least, header->block_bytes_max, plan.ram_min_bytes, st);
     else
         plan_capped(desc, header, k_least, k_most, front_least, front_most, &plan);
     fill(&plan, header);

@@ -181,6 +181,19 @@ static mn_code parts_open(mn_session *s, mn_status *st) {
                               s->plan.simplices_max, &s->arena, st);
 }
 
+/* Who gives a cap is told what it is not about. */
+static void say_beside_cap(const mn_session *s) {
+    mn_status line = {0};
+    if (s->desc.store != MN_STORE_RESIDENT || s->desc.ram_bytes == 0 || s->desc.warn == NULL)
+        return;
+    mn_fail(&line, MN_OK,
+            "%s: --store resident has the whole file in memory, %.1f MB, beside the cap of %.1f: "
+            "the plan is of the rest",
+            s->desc.path, (double)s->header.file_bytes / 1048576,
+            (double)s->desc.ram_bytes / 1048576);
+    s->desc.warn(s->desc.warn_context, line.text);
+}
+
 mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status *st) {
     *out = NULL;
     mn_session *s = calloc(1, sizeof *s);
@@ -204,6 +217,8 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
                               desc->front_max};
     mn_code code = mn_header_read(desc->path, &s->header, st);
     if (code == MN_OK)
+        code = mni_store_can(&s->header, desc->store, desc->path, st);
+    if (code == MN_OK)
         code = mni_ram_plan_make(&plan, &s->header, &s->plan, st);
     s->limits = mni_block_limits_of(&s->header);
 #ifdef MN_SLOW_CHECKS
@@ -220,6 +235,7 @@ mn_code mn_session_open(const mn_session_desc *desc, mn_session **out, mn_status
         return code;
     }
     mni_arena_seal(&s->arena);
+    say_beside_cap(s);
     *out = s;
     return MN_OK;
 }

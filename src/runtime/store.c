@@ -54,6 +54,16 @@ uint32_t mni_store_k_min(const mn_header *header) {
     return header->block_depth + 2 + header->overflow_max + (roots - 1);
 }
 
+mn_code mni_store_can(const mn_header *header, mn_store_kind kind, const char *path,
+                      mn_status *st) {
+    if (kind != MN_STORE_MAPPED || header->zstd_level == 0)
+        return MN_OK;
+    return mn_fail(st, MN_USAGE,
+                   "%s: its blocks are compressed, and a mapped file has them as they are: use "
+                   "another --store, or write them anew with metanode block, without --zstd",
+                   path);
+}
+
 uint32_t mni_store_entries_max(const mn_header *header, mn_store_kind kind, uint32_t k) {
     return kind_of(kind)->entries_max(header, k);
 }

@@ -84,6 +84,8 @@ typedef struct mni_store_desc {
     void *warn_context;
 } mni_store_desc;
 
+/* Can that kind be of such a file? MN_USAGE, with path, where it can not. */
+mn_code mni_store_can(const mn_header *header, mn_store_kind kind, const char *path, mn_status *st);
 /* levels: max(5, roots + 3). packed: depth of the block tree + 2 + longest overflow chain. */
 uint32_t mni_store_k_min(const mn_header *header);
 /* What open takes from the arena for that many place holders; for the plan. */

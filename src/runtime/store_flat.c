@@ -126,11 +126,7 @@ static mn_code mapped_open(const mni_store_desc *desc, mni_arena *arena, void **
                            mn_status *st) {
     flat *f = mni_arena_take(arena, 1, sizeof *f, _Alignof(flat));
     mni_failures_open(&f->failures, arena);
-    if (desc->header->zstd_level > 0)
-        return mn_fail(st, MN_USAGE,
-                       "%s: its blocks are compressed, and a mapped file has them as they are: use "
-                       "another --store, or write them anew with metanode block, without --zstd",
-                       desc->path);
+    MN_ASSERT(desc->header->zstd_level == 0); /* mni_store_can */
     mn_code code = open_file(f, desc, true, st);
     if (code != MN_OK)
         return code;

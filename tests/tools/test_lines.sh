@@ -1,0 +1,54 @@
+#!/bin/sh
+# Goal: what commands say to who asks for too much, too little or the wrong thing, or gives a damaged
+# file: the fault itself, and the exit code that goes with it.
+# Method: a made model in a folder of its own; usage: test_lines.sh METANODE
+set -u
+metanode=$1
+. "$(dirname "$0")/lines_lib.sh"
+
+expect 0 make sphere --triangles 6000 -o in.ply
+expect 0 build in.ply --block-bytes 4K -o a.mnt
+expect 0 block a.mnt --zstd -o z.mnt
+
+# --- caps and place holders
+expect 0 replay a.mnt --path orbit --frames 2 --fps 0 --store resident
+[ -s err.txt ] && fail "resident without a cap: $(cat err.txt)"
+for size in 16M 16MB 16MiB 16mb 0.015625G; do
+    expect 0 replay a.mnt --path orbit --frames 2 --fps 0 --store resident --ram $size
+    says 'warning: .*has the whole file in memory.*beside the cap of 16.0'
+    grep -q ' MB of 16.00' out.txt || fail "--ram $size is another: $(head -n 1 out.txt)"
+done
+for size in 16Mi 16MBB 16BB 16BiB 16Q; do
+    expect 2 replay a.mnt --path orbit --ram $size
+    says "'$size'.*16M or 1.5G"
+done
+expect 5 replay a.mnt --path orbit --ram 1
+says 'ram 1 is too small.* would work'
+expect 5 replay a.mnt --path orbit --ram 2M
+says 'ram 2048K is too small'
+expect 2 replay a.mnt --path orbit -K 1000000000
+says 'too many place holders'
+expect 2 replay a.mnt --path orbit -K 1
+says 'at least [0-9]* place holders; try -K min'
+expect 2 replay z.mnt --path orbit --store mapped --ram 1M
+says 'compressed.*another --store'
+
+# --- shapes
+expect 2 make foo
+says "no shape 'foo'"
+expect 2 make sphere
+says 'where to'
+
+# --- a file with a bit turned over in its last block
+cp a.mnt bad.mnt
+bytes=$(wc -c <bad.mnt)
+at=$((bytes - 4096 + 300))
+byte=$(od -An -tu1 -j $at -N 1 bad.mnt)
+# shellcheck disable=SC2059 # an octal escape is made here
+printf "\\$(printf %o $((byte ^ 1)))" | dd of=bad.mnt bs=1 seek=$at conv=notrunc 2>/dev/null
+expect 3 verify bad.mnt
+expect 3 stress bad.mnt --io pread --runs 4 --frames 60
+says 'damaged.*verify'
+expect 0 stress a.mnt --io pread --runs 2 --frames 20
+
+exit $((failures > 0))
