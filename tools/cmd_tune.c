@@ -57,6 +57,21 @@ static mn_code sweep(tune *t, tune_findings *f, mn_status *st) {
     return code == MN_OK ? tune_find(t, f, st) : code;
 }
 
+/* Where no setting could be measured there is none to choose: the first says why. */
+static mn_code any_measured(const tune *t, mn_status *st) {
+    const tune_cell *first = NULL;
+    for (size_t i = 0; i < t->cells; i++) {
+        const tune_cell *c = &t->cell[i];
+        if (c->state == TUNE_MEASURED && !c->resident)
+            return MN_OK;
+        first = first == NULL && !c->resident ? c : first;
+    }
+    const bool ours = first != NULL && first->code > MN_OK && first->code <= MN_NO_GRAPHICS;
+    return mn_fail(st, ours ? (mn_code)first->code : MN_FAILED,
+                   "tune: no setting could be measured: %s",
+                   first != NULL ? first->says : "there is none");
+}
+
 static mn_code table_file(const tune *t, const tune_findings *f, mn_status *st) {
     char path[PATH_MAX];
     FILE *out = tune_file_name(t, "table.txt", path, sizeof path) == 0 ? fopen(path, "we") : NULL;
@@ -99,6 +114,8 @@ static mn_code run(tune *t, mn_status *st) {
     }
     if (code == MN_OK)
         code = sweep(t, &f, st);
+    if (code == MN_OK)
+        code = any_measured(t, st);
     if (code == MN_OK)
         code = tell(t, &f, st);
     tune_findings_free(&f);

@@ -257,6 +257,8 @@ int tune_layout_texts(const tune_layout *l, tune_text *text);
 bool tune_cell_is_of(const tune_cell *c, uint32_t path, mn_prefetch rule);
 /* "p99 up to 4 ms, least error" */
 void tune_want_words(const tune_want *w, char *text, size_t room);
+/* Times by the clock of processors that others had: says so. false: there is nothing to say. */
+bool tune_others_words(const tune *t, char *text, size_t room);
 /* The best setting of those with such a cap and number of place holders. */
 const tune_setting *tune_best_of(const tune *t, const tune_findings *f, uint32_t cap,
                                  uint32_t places);

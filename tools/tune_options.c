@@ -1,6 +1,7 @@
 /* Options of metanode tune: see tune.h. Hidden here: the lists, their defaults, their words. */
 #include <libgen.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "cli.h"
@@ -204,11 +205,34 @@ typedef struct words {
     int frames_given, objective, clock, open;
 } words;
 
+typedef struct list {
+    const char *name, *text, *wants;
+    bool (*take)(void *, const char *);
+} list;
+
+/* `bad` is where tune_list stopped: what would have been taken alone stands there twice. */
+static mn_code say_list(const list *l, const char *bad) {
+    const int length = (int)strcspn(bad, ",");
+    uint32_t before = 0;
+    char word[PATH_MAX];
+    for (const char *at = l->text; at < bad; at++)
+        before += *at == ',';
+    snprintf(word, sizeof word, "%.*s", length, bad);
+    tune_options *alone = calloc(1, sizeof *alone);
+    const bool good = alone != NULL && length > 0 && l->take(alone, word);
+    free(alone);
+    if (before >= TUNE_LIST_MAX)
+        return (mn_code)cli_error(MN_USAGE, "tune: --%s '%s': more than %d at a time", l->name,
+                                  l->text, TUNE_LIST_MAX);
+    if (good)
+        return (mn_code)cli_error(MN_USAGE, "tune: --%s '%s': '%s' stands there twice", l->name,
+                                  l->text, word);
+    return (mn_code)cli_error(MN_USAGE, "tune: --%s '%s': '%s' is not %s", l->name, l->text, word,
+                              l->wants);
+}
+
 static mn_code read_lists(tune_options *o, const words *w) {
-    const struct {
-        const char *name, *text, *wants;
-        bool (*take)(void *, const char *);
-    } lists[] = {
+    const list lists[] = {
         {"policy", w->policy, "levels or packed", take_policy},
         {"levels", w->levels, "in 1 … 16", take_levels},
         {"block-bytes", w->block_bytes, "a multiple of 4096 up to 1M", take_block_bytes},
@@ -220,11 +244,7 @@ static mn_code read_lists(tune_options *o, const words *w) {
     for (size_t i = 0; i < sizeof lists / sizeof lists[0]; i++) {
         const char *bad = lists[i].text != NULL ? tune_list(lists[i].text, lists[i].take, o) : NULL;
         if (bad != NULL)
-            return (mn_code)cli_error(
-                MN_USAGE,
-                "tune: --%s '%s': '%.*s' is not %s, or stands there twice, or "
-                "is the 17th",
-                lists[i].name, lists[i].text, (int)strcspn(bad, ","), bad, lists[i].wants);
+            return say_list(&lists[i], bad);
     }
     return MN_OK;
 }

@@ -176,6 +176,11 @@ static void best(const tune *t, const tune_findings *found, FILE *f) {
         fputs("</div>\n", f);
         commands(t, found->best, f);
     }
+    if (tune_others_words(t, words, sizeof words)) {
+        fputs("<p>But ", f);
+        text(f, words);
+        fputs(".</p>\n", f);
+    }
     fputs("<p>With as many place holders:</p><ul>\n", f);
     for (uint32_t cap = 0; cap < t->o.caps; cap++)
         for (uint32_t places = 0; places < t->o.places_count; places++) {

@@ -7,6 +7,9 @@
 #include "json.h"
 #include "tune.h"
 
+/* Of the processors, in some cell: from then on it is said. */
+static const double OTHERS_MATTER = 0.2;
+
 static double mega(double bytes) {
     return bytes / 1048576;
 }
@@ -148,6 +151,22 @@ void tune_want_words(const tune_want *w, char *text, size_t room) {
         snprintf(text + length, room - length, "least %s", tune_objective_name(w->objective));
 }
 
+bool tune_others_words(const tune *t, char *text, size_t room) {
+    double least = INFINITY, most = 0;
+    for (size_t i = 0; i < t->cells; i++)
+        if (t->cell[i].state == TUNE_MEASURED) {
+            least = fmin(least, t->cell[i].figure[TUNE_OTHERS]);
+            most = fmax(most, t->cell[i].figure[TUNE_OTHERS]);
+        }
+    if (t->o.want.cpu || most < OTHERS_MATTER)
+        return false;
+    snprintf(text, room,
+             "others had %.0f to %.0f %% of the processors: times are as much theirs; --clock cpu "
+             "leaves them out",
+             100 * least, 100 * most);
+    return true;
+}
+
 /* ---- the table ------------------------------------------------------------------------------- */
 
 static void row(const tune_column *columns, tune_text *text, int count, const char *rest,
@@ -210,6 +229,8 @@ static void best_table(const tune *t, const tune_findings *f, FILE *out) {
         setting_row(t, f->best, out);
     else
         fputs("  no setting keeps to that on all paths\n", out);
+    if (tune_others_words(t, words, sizeof words))
+        fprintf(out, "%s\n", words);
 }
 
 void tune_table(const tune *t, const tune_findings *f, FILE *out) {

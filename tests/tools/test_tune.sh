@@ -73,12 +73,18 @@ kinds() {
         'ahead neighbours off prefetch resident '
     check "kinds: nothing is best" grep -q 'no setting keeps to that' "$out"
     check "kinds: the tree is left where it is" test ! -e "$scratch/k/tree.vdt"
-    PATH=$tools expect 0 late tune "$scratch/s.vdt" -o "$scratch/k" --policy packed --block-bytes 4K --k min --fps 0 \
+    PATH=$tools expect 1 late tune "$scratch/s.vdt" -o "$scratch/k" --policy packed --block-bytes 4K --k min --fps 0 \
         --path orbit --frames 1000000 --prefetch ahead --limit 1
-    check "late: why" grep -q '^packed-4K .* min .*took more than 1 s' "$out"
+    one_line late 'no setting could be measured: took more than 1 s'
+    check "late: nothing is best" test "$(grep -c best "$out")" -eq 0
     PATH=$tools expect 0 caps tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 8M,1M --fps 0 \
         --path orbit --frames 4 --prefetch ahead --want "p99 under 1000 ms" --minimize ram
     check "caps: too small, and what would do" grep -q '1M .* would work' "$out"
+    PATH=$tools expect 5 small tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 1M --fps 0 \
+        --path orbit --frames 4 --prefetch ahead
+    one_line small 'no setting could be measured' '1024K is too small'
+    PATH=$tools expect 0 caps tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 8M,1M --fps 0 \
+        --path orbit --frames 4 --prefetch ahead --want "p99 under 1000 ms" --minimize ram
     check "caps: the other is best" grep -q 'packed-4K, K [0-9]* (cap) under 8 MB' "$out"
 }
 
@@ -107,6 +113,20 @@ page() {
     check "no gnuplot: the table" grep -q '^packed-4K ' "$out"
     check "no gnuplot: the page" grep -q 'no plots but their scripts: gnuplot' "$scratch/none/report.html"
     check "no gnuplot: the scripts alone" test "$(ls "$scratch/none/plots" | sed 's/.*\.//' | sort -u)" = gp
+}
+
+# Of a busy machine: what others had is in the results, and is said where times are the clock's.
+busy() {
+    cp "$scratch/first.csv" "$results"
+    sed -i '2,$s/,[^,]*$/,0.95/' "$results"
+    tune 0 busy
+    check "busy: said" grep -q '^others had 95 to 95 % of the processors.*--clock cpu' "$out"
+    check "busy: on the page" grep -q 'others had 95 to 95 %' "$dir/report.html"
+    tune 0 "busy, cpu" --clock cpu
+    check "busy, cpu: not said" test "$(grep -c '^others had' "$out")" -eq 0
+    sed -i '2,$s/,[^,]*$/,0.01/' "$results"
+    tune 0 quiet
+    check "quiet: not said" test "$(grep -c '^others had' "$out")" -eq 0
 }
 
 # Interrupted in a measured cell: what was measured stays, lines are whole, and it goes on.
@@ -146,6 +166,16 @@ usage() {
         expect 2 "--$option" tune "$scratch/s.ply" -o "$scratch/u" "--$option" "${wrong[$option]}"
         one_line "--$option" "--$option" "'${wrong[$option]}'"
     done
+    local list=4
+    for i in {2..17}; do list+=,$((4 + i)); done
+    expect 2 "17 of them" tune "$scratch/s.ply" -o "$scratch/u" --k "$list"
+    one_line "17 of them" 'more than 16'
+    expect 2 "the same value twice" tune "$scratch/s.ply" -o "$scratch/u" --block-bytes 4K,8K,4096
+    one_line "the same value twice" "'4096' stands there twice"
+    expect 2 "the same path twice" tune "$scratch/s.ply" -o "$scratch/u" --path orbit,orbit
+    one_line "the same path twice" "'orbit' stands there twice"
+    expect 2 "none of them" tune "$scratch/s.ply" -o "$scratch/u" --levels 3,x
+    one_line "none of them" "'x' is not in 1 … 16"
     expect 2 "the same bound twice" tune "$scratch/s.ply" -o "$scratch/u" --ram 8M --want "at 24 MB"
     one_line "the same bound twice" 'twice'
     expect 2 "no mesh" tune -o "$scratch/u"
@@ -168,6 +198,7 @@ part more
 part torn
 part others
 part kinds
+part busy
 part page
 part interrupt
 part usage
