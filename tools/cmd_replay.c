@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 #include <time.h>
 
+#include "output.h"
 #include "path_record.h"
 #include "picture.h"
 #include "reference.h"
@@ -44,7 +45,7 @@ typedef struct replay {
 
     mn_path *path;
     mn_session *session;
-    FILE *csv;
+    output csv;
     picture picture;
     reference reference;
     replay_figures figures;
@@ -158,12 +159,10 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
 /* ---- open and close -------------------------------------------------------------------------- */
 
 static mn_code csv_open(replay *r, mn_status *st) {
-    r->csv = fopen(r->csv_name, "we");
-    if (r->csv == NULL)
-        return mn_fail(st, MN_FAILED, "--csv %s: cannot be written: %s", r->csv_name,
-                       strerror(errno));
-    setvbuf(r->csv, r->csv_buffer, _IOFBF, sizeof r->csv_buffer);
-    figures_csv_header(r->csv);
+    if (output_open(&r->csv, "--csv", r->csv_name, st) != MN_OK)
+        return st->code;
+    setvbuf(r->csv.file, r->csv_buffer, _IOFBF, sizeof r->csv_buffer);
+    figures_csv_header(r->csv.file);
     return MN_OK;
 }
 
@@ -221,16 +220,14 @@ static mn_code open_all(replay *r, mn_status *st) {
     return code;
 }
 
-static mn_code close_all(replay *r, mn_status *st) {
+/* good: the run has come to its end. */
+static mn_code close_all(replay *r, bool good, mn_status *st) {
     reference_close(&r->reference);
     picture_close(&r->picture);
     mn_code code = mn_session_end(r->session, st);
-    if (r->csv != NULL) {
-        mn_code written = cli_written_all(r->csv, "--csv", r->csv_name, st);
-        code = code != MN_OK ? code : written;
-    }
+    mn_code written = output_close(&r->csv, good && code == MN_OK, st);
     mn_path_close(r->path);
-    return code;
+    return code != MN_OK ? code : written;
 }
 
 /* ---- frames ---------------------------------------------------------------------------------- */
@@ -336,9 +333,9 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
         const bool drawn = r->picture.gl != NULL && frame % r->images_every == 0;
         if (drawn)
             code = draw(r, frame, camera, &shown, st);
-        if (r->csv != NULL && code == MN_OK) {
-            figures_csv_row(r->csv, &stats, drawn ? &shown : NULL);
-            code = cli_written(r->csv, "--csv", r->csv_name, st);
+        if (r->csv.file != NULL && code == MN_OK) {
+            figures_csv_row(r->csv.file, &stats, drawn ? &shown : NULL);
+            code = output_good(&r->csv, st);
         }
         if (frame % sample == 0)
             foldovers(r);
@@ -426,7 +423,7 @@ int cmd_replay(int argc, char **argv) {
         static char out_buffer[STDIO_BYTES]; /* or printing would allocate one */
         setvbuf(stdout, out_buffer, _IOFBF, sizeof out_buffer);
         code = r->path_out != NULL ? write_path(r, &st) : navigate(r, &st);
-        mn_code closed = close_all(r, &st);
+        mn_code closed = close_all(r, code == MN_OK, &st);
         code = code != MN_OK ? code : (int)closed;
         cli_status(&st);
     }

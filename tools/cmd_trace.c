@@ -1,12 +1,12 @@
 /* metanode trace: what a trace says, in words, as a table, or for a viewer of traces. See --help.
  *
  * Main thread only. Memory: by blocks, never by events. */
-#include <errno.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "cli.h"
+#include "output.h"
 #include "trace_chrome.h"
 #include "trace_report.h"
 
@@ -17,7 +17,7 @@ static const char help[] =
     "                    working set, and what other numbers of place holders would have come to\n"
     "  --to chrome       JSON for ui.perfetto.dev or chrome://tracing\n"
     "  --to csv          a row an event\n"
-    "  -o FILE           where to (default: standard output)\n"
+    "  -o FILE           where to (default, and -: standard output)\n"
     "  --from-frame N    chrome and csv: from that frame on\n"
     "  --to-frame N      up to that one\n"
     "  --k N,N,…         report: pools of so many place holders\n"
@@ -83,7 +83,28 @@ static int parse(options *o, int argc, char **argv, bool *done) {
     if (!read_sizes(o))
         return cli_error(MN_USAGE, "trace: --k '%s': numbers of place holders, such as 64,128,256",
                          o->sizes);
+    if (o->out != NULL && strcmp(o->out, "-") == 0)
+        o->out = NULL;
     return (int)cli_output("trace", o->out, o->in);
+}
+
+/* Is there a frame from which to begin? */
+static mn_code has_frame(mn_trace_file *file, const options *o, mn_status *st) {
+    mn_trace_event e;
+    mn_code code;
+    uint32_t frames = 0;
+    mn_trace_rewind(file);
+    while (mn_trace_next(file, &e, &code, st)) {
+        if (e.kind != MN_TRACE_FRAME_BEGIN)
+            continue;
+        if (e.a >= o->from_frame)
+            return MN_OK;
+        frames = e.a + 1;
+    }
+    return code != MN_OK
+               ? code
+               : mn_fail(st, MN_USAGE, "trace: --from-frame %" PRIu64 ": %s has %u frames",
+                         o->from_frame, o->in, frames);
 }
 
 static mn_code csv(mn_trace_file *file, const options *o, FILE *out, mn_status *st) {
@@ -127,19 +148,21 @@ int cmd_trace(int argc, char **argv) {
         return usage;
     mn_status st = {0};
     mn_trace_file *file = NULL;
-    FILE *out = stdout;
+    output written = {0};
     mn_code code = mn_trace_open(o.in, o.cut, &file, &st);
-    if (code == MN_OK && o.out != NULL && (out = fopen(o.out, "we")) == NULL)
-        code = mn_fail(&st, MN_FAILED, "trace: %s: cannot be written: %s", o.out, strerror(errno));
+    if (code == MN_OK && o.from_frame > 0)
+        code = has_frame(file, &o, &st);
+    if (code == MN_OK && o.out != NULL)
+        code = output_open(&written, "trace:", o.out, &st);
+    FILE *out = o.out != NULL ? written.file : stdout;
     if (code == MN_OK)
         code = o.to == CHROME
                    ? trace_chrome(file, (uint32_t)o.from_frame, (uint32_t)o.to_frame, out, &st)
                : o.to == CSV ? csv(file, &o, out, &st)
                              : report(file, &o, out, &st);
     if (code == MN_OK) /* at once, while errno is the write's */
-        (void)cli_written(out, "trace:", o.out != NULL ? o.out : "standard output", &st);
-    if (o.out != NULL && out != NULL)
-        (void)cli_written_all(out, "trace:", o.out, &st);
+        code = cli_written(out, "trace:", o.out != NULL ? o.out : "standard output", &st);
+    (void)output_close(&written, code == MN_OK, &st);
     mn_trace_close(file);
     return cli_status(&st);
 }

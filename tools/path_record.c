@@ -1,10 +1,9 @@
 /* See path_record.h. Hides which of the cameras become keys. */
 #include "path_record.h"
 
-#include <errno.h>
 #include <string.h>
 
-#include "cli.h"
+#include "output.h"
 
 static void key(path_record *r, uint32_t frame, const mn_camera *camera) {
     char line[MN_PATH_LINE_BYTES];
@@ -43,22 +42,21 @@ void path_record_end(path_record *r, uint32_t frame, const mn_camera *camera) {
 
 mn_code path_record_all(const mn_path *path, uint32_t frames, uint64_t every, const char *name,
                         mn_status *st) {
-    FILE *file = fopen(name, "we");
-    if (file == NULL)
-        return mn_fail(st, MN_FAILED, "--write-path %s: cannot be written: %s", name,
-                       strerror(errno));
-    mn_code code = MN_OK;
-    fputs(mn_path_heading, file);
+    output out;
+    mn_code code = output_open(&out, "--write-path", name, st);
+    if (code != MN_OK)
+        return code;
+    fputs(mn_path_heading, out.file);
     for (uint64_t frame = 0; frame < frames && code == MN_OK;) {
         mn_camera camera;
         char line[MN_PATH_LINE_BYTES];
         mn_path_camera(path, (uint32_t)frame, frames, &camera);
         mn_path_line(line, (uint32_t)frame, &camera);
-        fputs(line, file);
-        code = cli_written(file, "--write-path", name, st);
+        fputs(line, out.file);
+        code = output_good(&out, st);
         const uint64_t next = frame + every;
         frame = next > frames - 1 && frame < frames - 1 ? frames - 1 : next;
     }
-    const mn_code closed = cli_written_all(file, "--write-path", name, st);
+    const mn_code closed = output_close(&out, code == MN_OK, st);
     return code != MN_OK ? code : closed;
 }

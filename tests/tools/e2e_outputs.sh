@@ -14,7 +14,7 @@ cd "$scratch"
 whole=("build ball.ply -o" "simplify ball.ply -o" "block ball.vdt -o" "block ball.mnt --block-bytes 4K -o"
     "extract ball.mnt --full -o" "extract ball.vdt --triangles 20000 -o"
     "make sphere --triangles 40000 -o" "make isosurface --triangles 40000 -o")
-# and these are written as the navigation goes on.
+# and these are written as the navigation goes on; the first stands under its name when it is whole.
 logs=("replay ball.mnt --path orbit --fps 0 --frames 2000 --csv"
     "replay small.mnt --path flyover --io sim -K 80 --tolerance 3 --degrade off --frames 600 --trace")
 
@@ -86,7 +86,15 @@ full_disk() {
         head -c 126000 /dev/zero >disk/full
         # shellcheck disable=SC2086
         expect 4 "a full disk: $command" $command disk/log && one_line "a full disk: $command" disk/log space
+        [[ $command == *trace ]] || check "a full disk: $command: no half of it" test ! -e disk/log
         [[ $command == *trace ]] || check "a full disk: $command: no figures of half a run" test "$(grep -c misses "$out")" -eq 0
+    done
+    disk "a full disk" || return 0
+    head -c 122000 /dev/zero >disk/full
+    for command in "replay ball.mnt --path orbit --frames 2000 --write-path" "trace t.trace --to csv -o"; do
+        # shellcheck disable=SC2086
+        expect 4 "a full disk: $command" $command disk/log && one_line "a full disk: $command" disk/log space
+        check "a full disk: $command: no half of it" test ! -e disk/log
     done
     umount disk
     for command in "${logs[@]}"; do
@@ -186,6 +194,7 @@ expect 0 ball make sphere --triangles 9000 -o ball.ply || finish
 expect 0 ball build ball.ply -o ball.mnt || finish
 expect 0 hills make terrain --triangles 60000 -o hills.ply || finish
 expect 0 hills build hills.ply -o small.mnt --block-bytes 4K || finish
+expect 0 trace replay small.mnt --path orbit --io sim --frames 200 --trace t.trace || finish
 expect 0 ball simplify ball.ply -o ball.vdt || finish
 part no_place
 part shut_disk
