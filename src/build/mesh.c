@@ -72,9 +72,22 @@ static format format_of(mni_source *source) {
     return begins(source, "solid") ? STL_ASCII : OBJ;
 }
 
+/* A file of ours, which is past being read as a mesh. */
+static bool refuse_own(mni_source *source, const char *what) {
+    mn_fail(source->st, MN_BAD_INPUT, "%s: is %s", source->name, what);
+    return false;
+}
+
 /* No text and no magic: at best a binary STL of the wrong length. */
 static bool refuse_unknown(mni_source *source) {
     char hint[160] = "";
+    const size_t left = (size_t)(source->end - source->at);
+    if (left >= 8 && memcmp(source->at, "MNTREE\r\n", 8) == 0)
+        return refuse_own(source, "a .mnt, which is built already: metanode block cuts it in "
+                                  "another way, extract makes a mesh of it");
+    if (left >= 8 && memcmp(source->at, "MNVDT\0\r\n", 8) == 0)
+        return refuse_own(source, "a .vdt, which is simplified already: metanode block makes a "
+                                  ".mnt of it, extract a mesh");
     if (source->size >= STL_HEAD_BYTES)
         snprintf(hint, sizeof hint,
                  " (as a binary STL of %" PRIu64 " facets it would have %" PRIu64

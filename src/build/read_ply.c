@@ -226,10 +226,11 @@ static bool check_counts(ply *p) {
         if (__builtin_mul_overflow(e->count, bytes, &all) ||
             __builtin_add_overflow(promised, all, &promised) || promised > left + 1 ||
             (p->encoding != ASCII && promised > left))
-            return mni_source_fail(p->source,
-                                   "%" PRIu64 " of element %s cannot be: %" PRIu64
-                                   " bytes are left in the file",
-                                   e->count, e->name, left);
+            return mni_source_fail(
+                p->source,
+                "%" PRIu64 " of element %s cannot be: %" PRIu64
+                " bytes are left in the file; it is cut off, or its header wrong",
+                e->count, e->name, left);
     }
     return true;
 }
@@ -237,7 +238,8 @@ static bool check_counts(ply *p) {
 /* ---- data ----------------------------------------------------------------------------------- */
 
 static bool cut(ply *p, const element *e, uint64_t number) {
-    return mni_source_fail(p->source, "the file ends in %s %" PRIu64 " of %" PRIu64, e->name,
+    return mni_source_fail(p->source,
+                           "the file ends in %s %" PRIu64 " of %" PRIu64 ": it is cut off", e->name,
                            number, e->count);
 }
 
@@ -344,7 +346,7 @@ static bool read_list(ply *p, const element *e, const property *q, uint64_t numb
     if (count < 0 || (uint64_t)count > (left + 1) / item_bytes)
         return mni_source_fail(p->source,
                                "%s %" PRIu64 ": a list of %" PRId64 " cannot be: %" PRIu64
-                               " bytes are left in the file",
+                               " bytes are left in the file; it is cut off, or that count wrong",
                                e->name, number, count, left);
     if (q->role == INDICES)
         return read_corners(p, e, q, number, (uint64_t)count);

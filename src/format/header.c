@@ -265,6 +265,11 @@ mn_code mni_header_decode(const void *bytes, uint64_t file_bytes, const char *na
                           mn_status *st) {
     page p;
     memcpy(&p, bytes, sizeof p);
+    if (memcmp(p.magic, "MNVDT\0\r\n", sizeof magic) == 0)
+        return mn_fail(st, MN_BAD_INPUT,
+                       "%s: is a .vdt, not a .mnt yet: make one of it with metanode block %s -o "
+                       "OUT.mnt",
+                       name, name);
     if (memcmp(p.magic, magic, sizeof magic) != 0)
         return mn_fail(st, MN_BAD_INPUT,
                        "%s: header: magic is not that of a .mnt; make one with metanode build, or "
