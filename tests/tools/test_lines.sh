@@ -51,4 +51,46 @@ expect 3 stress bad.mnt --io pread --runs 4 --frames 60
 says 'damaged.*verify'
 expect 0 stress a.mnt --io pread --runs 2 --frames 20
 
+# --- one kind of file for another, and half of one
+expect 0 simplify in.ply -o a.vdt
+expect 3 build a.mnt -o x.mnt
+says 'a.mnt: is a .mnt, which is built already'
+expect 3 build a.vdt -o x.mnt
+says 'a.vdt: is a .vdt, which is simplified already: metanode block'
+expect 3 replay a.vdt --path orbit
+says 'metanode block a.vdt -o'
+head -c 5000 in.ply >cut.ply
+expect 3 build cut.ply -o x.mnt
+says 'are left in the file; it is cut off'
+head -c 60000 in.ply >cut.ply
+expect 3 build cut.ply -o x.mnt
+says 'it is cut off'
+
+# --- a trace, from a frame that it has not, and to standard output
+expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
+expect 2 trace t.trace --to csv --from-frame 7 -o t.csv
+says 'from-frame 7: t.trace has 6 frames'
+[ -e t.csv ] && fail "a table of no frames is there"
+expect 2 trace t.trace --to chrome --from-frame 6
+expect 0 trace t.trace --to csv --from-frame 5 -o -
+grep -q ',frame_begin,\|,frame' out.txt || fail "no rows on standard output: $(head -n 2 out.txt)"
+[ -e ./- ] && fail "a file named -"
+
+# --- outputs stand there whole, or as they were
+echo old >t.csv
+expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --csv t.csv
+[ "$(wc -l <t.csv)" -eq 7 ] || fail "--csv: $(wc -l <t.csv) lines"
+echo old >t.csv
+"$metanode" replay a.mnt --path orbit --frames 600 --csv t.csv >out.txt 2>err.txt &
+child=$!
+sleep 0.5
+kill -TERM $child
+wait $child && fail "it was not interrupted"
+[ "$(cat t.csv)" = old ] || fail "an interrupted replay leaves half of --csv"
+expect 0 replay a.mnt --path orbit --frames 3 --write-path t.path
+[ "$(wc -l <t.path)" -eq 5 ] || fail "--write-path: $(cat t.path)"
+expect 0 trace t.trace --to csv -o /dev/stdout
+[ "$(wc -l <out.txt)" -gt 6 ] || fail "-o /dev/stdout: $(cat out.txt)"
+[ -z "$(find . -name '*.tmp')" ] || fail "left behind: $(find . -name '*.tmp')"
+
 exit $((failures > 0))
