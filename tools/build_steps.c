@@ -146,6 +146,7 @@ mn_code build_options(build_steps *b, int argc, char **argv, unsigned steps, con
     if (code != MN_OK)
         return code;
     b->in = argv[optind];
+    b->blocks = (steps & BUILD_BLOCKS) != 0;
     take_words(b, &w);
     if (temp_place(&b->temp, b->out, w.temp_dir, w.resume, &b->st) != MN_OK)
         return (mn_code)cli_status(&b->st);
@@ -179,9 +180,10 @@ static mn_code begin(build_steps *b) {
                                .read = &b->read,
                                .simplify = &b->simplify,
                                .resume = b->resume};
-    mn_code code = mn_block_fits(&b->block, &b->st);
-    if (code == MN_OK)
-        code = mn_mesh_expect(b->in, &vertices, &triangles, &b->st);
+    mn_code code = mn_mesh_expect(b->in, &vertices, &triangles, &b->st);
+    if (code == MN_OK && b->blocks)
+        code = mn_block_fits(b->in, &b->block, vertices, mn_vdt_ram_least(&b->simplify, vertices),
+                             &b->st);
     if (code != MN_OK)
         return code;
     b->temp.planned_bytes = mn_vdt_temp_bytes(
@@ -212,7 +214,7 @@ mn_code build_make(build_steps *b) {
 mn_code build_open(build_steps *b) {
     const mn_watch watch = {progress, b};
     const bool vdt = mn_tree_is_vdt(b->in);
-    mn_code code = vdt ? MN_OK : mn_tree_fits(b->in, MN_TREE_BLOCK, b->ram_bytes, &b->st);
+    mn_code code = vdt ? MN_OK : mn_tree_fits_blocks(b->in, &b->block, &b->st);
     if (code == MN_OK)
         code = vdt ? mn_vdt_open(b->in, &watch, &b->vdt, &b->st)
                    : mn_tree_load(b->in, &watch, &b->tree, &b->st);
@@ -220,7 +222,7 @@ mn_code build_open(build_steps *b) {
         return code;
     b->head = vdt ? mn_vdt_head(b->vdt) : &b->tree;
     b->loaded_bytes = cli_file_bytes(b->in);
-    return MN_OK;
+    return mn_block_fits(b->in, &b->block, b->head->leaves, 0, &b->st);
 }
 
 mn_code build_block(build_steps *b) {

@@ -16,7 +16,7 @@ typedef struct build_steps {
     mn_read_desc read;
     mn_simplify_desc simplify;
     mn_block_desc block;
-    bool resume, json;
+    bool resume, json, blocks; /* the last: builds a .mnt */
     /* what was done */
     temp_files temp;
     mn_work *work;

@@ -231,9 +231,12 @@ typedef struct mn_block_counts {
     uint64_t bytes_written;
 } mn_block_counts;
 
-/* What can be told before there is a tree. MN_CAP_TOO_SMALL: compressing packed blocks takes more
- * than ram_bytes. (How long those of levels are, only the tree says: they are refused later.) */
-mn_code mn_block_fits(const mn_block_desc *desc, mn_status *st);
+/* What can be told before there is a tree of so many vertices, at most. MN_CAP_TOO_SMALL: blocks as
+ * long as they can be take more than ram_bytes, or compressing packed ones does; it names what
+ * would do, least_bytes or more. (What zstd takes for those of levels, only the tree says.) in: for
+ * the text. */
+mn_code mn_block_fits(const char *in, const mn_block_desc *desc, uint64_t vertices,
+                      uint64_t least_bytes, mn_status *st);
 /* Cuts the tree into blocks and writes a .mnt: temporary name, sync, rename. */
 mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_desc *desc,
                        mn_header *header, mn_block_counts *counts, mn_status *st);
@@ -259,6 +262,8 @@ typedef struct mn_vdt_figures {
  * MN_NO_SPACE: temporary files filled the disk. MN_CAP_TOO_SMALL names what would do. */
 mn_code mn_vdt_make(const char *in, const mn_read_desc *read, const mn_simplify_desc *simplify,
                     mn_work *work, mn_vdt **out, mn_status *st);
+/* The least ram_bytes that it works in, for so many vertices. */
+uint64_t mn_vdt_ram_least(const mn_simplify_desc *simplify, uint64_t vertices);
 /* What mn_vdt_make and mn_vdt_block may need of the disk of temp_dir for a mesh of that size
  * (mn_mesh_expect) within ram_bytes (0: no bound), the output included. */
 uint64_t mn_vdt_temp_bytes(uint64_t vertices, uint64_t triangles, uint64_t ram_bytes);
@@ -303,12 +308,13 @@ typedef enum mn_tree_use {
     MN_TREE_LOAD = 0, /* mn_tree_load; mn_verify of a .vdt */
     MN_TREE_EXTRACT,  /* and mn_tree_extract, a prefix front or all of it */
     MN_TREE_SETTLE,   /* of a tolerance */
-    MN_TREE_BLOCK,    /* mn_block_write */
     MN_TREE_COMPARE,  /* mn_verify of a .vdt against a mesh */
 } mn_tree_use;
 /* Whether the process stays below ram_bytes (0: no bound) when it does that, by what the file's
  * header says. MN_CAP_TOO_SMALL names what would do. */
 mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_status *st);
+/* The same of mn_block_write, in desc's ram_bytes. */
+mn_code mn_tree_fits_blocks(const char *path, const mn_block_desc *desc, mn_status *st);
 
 /* Rebuilds the tree that a .mnt (or .vdt) holds, whole, in memory. */
 mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st);

@@ -153,27 +153,26 @@ static mn_code write_header(press *p, const char *path) {
 
 /* ---- the whole ------------------------------------------------------------------------------ */
 
-/* For blocks of up to so many bytes. */
-static mn_code check_cap(const mn_block_desc *desc, uint32_t length_max, mn_status *st) {
-    const uint64_t need =
-        MNI_PROGRAM_BYTES + length_max + mni_presser_bytes(desc->zstd_level, length_max);
-    if (desc->ram_bytes == 0 || need <= desc->ram_bytes)
-        return MN_OK;
-    return mn_fail(st, MN_CAP_TOO_SMALL,
-                   "blocks of %u bytes at zstd's level %u need --ram %lluM; or try a lower level",
-                   length_max, desc->zstd_level, (unsigned long long)(need >> 20) + 1);
+uint64_t mni_block_press_bytes(const mn_block_desc *desc, uint32_t length_max) {
+    return MNI_PROGRAM_BYTES + length_max + mni_presser_bytes(desc->zstd_level, length_max);
 }
 
-mn_code mn_block_fits(const mn_block_desc *desc, mn_status *st) {
-    if (desc->zstd_level == 0 || desc->blocking != MN_BLOCKING_PACKED)
+mn_code mni_block_press_fits(const char *path, const mn_block_desc *desc, uint32_t length_max,
+                             uint64_t least_bytes, mn_status *st) {
+    uint64_t need = mni_block_press_bytes(desc, length_max);
+    if (desc->ram_bytes == 0 || need <= desc->ram_bytes)
         return MN_OK;
-    return check_cap(desc, desc->block_bytes != 0 ? desc->block_bytes : MNI_BLOCK_BYTES, st);
+    need = need > least_bytes ? need : least_bytes;
+    return mn_fail(
+        st, MN_CAP_TOO_SMALL,
+        "%s: blocks of %u bytes at zstd's level %u need --ram %lluM; or try a lower level", path,
+        length_max, desc->zstd_level, (unsigned long long)(need >> 20) + 1);
 }
 
 mn_code mni_block_press(mni_out *out, const char *path, const mn_block_desc *desc,
                         mn_header *header, mn_block_counts *counts, mn_status *st) {
     press p = {.desc = desc, .header = header, .st = st, .plain = out, .out = {.fd = -1}};
-    mn_code code = check_cap(desc, header->block_bytes_max, st);
+    mn_code code = mni_block_press_fits(path, desc, header->block_bytes_max, 0, st);
     if (code != MN_OK)
         return code;
     p.block = malloc(header->block_bytes_max);

@@ -8,8 +8,10 @@
 
 #include "rows.h"
 
-/* Puts defaults for zeroes. MN_USAGE: they cannot be, or not for such a tree. */
-mn_code mni_block_desc_check(const mn_tree *head, mn_block_desc *desc, mn_status *st);
+/* Puts defaults for zeroes. MN_USAGE: they cannot be, or not for such a tree. MN_CAP_TOO_SMALL: nor
+ * in so much memory. path: the output, for the text. */
+mn_code mni_block_desc_check(const char *path, const mn_tree *head, mn_block_desc *desc,
+                             mn_status *st);
 /* head: counts and facts of the tree; its arrays are not looked at. build_id: of the .mnt. header,
  * counts (may be NULL) are filled in. MN_BAD_INPUT: the rows are not those of a tree. MN_NO_SPACE,
  * and every other failure: what stood under path is untouched. */

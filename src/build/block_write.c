@@ -28,11 +28,13 @@
 #include "block_send.h"
 #include "clock.h"
 #include "header.h"
+#include "need_block.h"
 #include "plan.h"
+#include "simplify.h"
 #include "tree_rows.h"
 
-/* What the process takes that neither grows with the model nor is pages of the tree: program and
- * libraries 4 MB, packer, drafts and buffers. Half of the rest is pages. */
+/* What the process takes that neither grows with the model nor is pages of the tree, at least: more
+ * for long blocks (need_block.h). Half of the rest is pages. */
 static const uint64_t OWN_BYTES = 8 << 20, RAM_BYTES = 64 << 20;
 
 /* A block that has a place, and is to be filled. */
@@ -425,9 +427,10 @@ static mn_code check_counts(const mn_tree *t, const mni_rows_source *source, mn_
     return MN_OK;
 }
 
-mn_code mni_block_desc_check(const mn_tree *tree, mn_block_desc *desc, mn_status *st) {
+mn_code mni_block_desc_check(const char *path, const mn_tree *tree, mn_block_desc *desc,
+                             mn_status *st) {
     if (desc->l == 0)
-        desc->l = 5;
+        desc->l = MNI_BLOCK_LEVELS;
     if (desc->block_bytes == 0)
         desc->block_bytes = MNI_BLOCK_BYTES;
     if (desc->l > 16)
@@ -437,19 +440,19 @@ mn_code mni_block_desc_check(const mn_tree *tree, mn_block_desc *desc, mn_status
                        desc->block_bytes);
     if (desc->zstd_level > MNI_ZSTD_LEVEL_MAX)
         return mn_fail(st, MN_USAGE, "zstd's levels are 1 to %d", MNI_ZSTD_LEVEL_MAX);
-    if (mn_block_fits(desc, st) != MN_OK)
-        return MN_CAP_TOO_SMALL;
     if (tree->grid_step == 0)
         return mn_fail(st, MN_USAGE, "positions are on no grid: simplify them on one");
     if (tree->roots > MN_ROOTS_MAX)
         return mn_fail(st, MN_USAGE, "the tree has %u roots, a .mnt holds %d: simplify to the end",
                        tree->roots, MN_ROOTS_MAX);
-    return MN_OK;
+    return mn_block_fits(path, desc, tree->leaves, 0, st);
 }
 
-static uint64_t cache_bytes(uint64_t ram_bytes) {
-    uint64_t ram = ram_bytes != 0 ? ram_bytes : RAM_BYTES;
-    return ram > OWN_BYTES ? (ram - OWN_BYTES) / 2 : 0;
+static uint64_t cache_bytes(const mn_block_desc *desc, uint64_t leaves) {
+    const uint64_t ram = desc->ram_bytes != 0 ? desc->ram_bytes : RAM_BYTES;
+    uint64_t own = MNI_PROGRAM_BYTES + mni_block_work(desc, leaves, desc->threads > 1);
+    own = own > OWN_BYTES ? own : OWN_BYTES;
+    return ram > own ? (ram - own) / 2 : 0;
 }
 
 mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_source *source,
@@ -466,9 +469,14 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
     memset(header, 0, sizeof *header);
     mn_code code = check_counts(head, source, &why);
     if (code == MN_OK)
-        code = mni_block_desc_check(head, &checked, &why);
+        code = mni_block_desc_check(path, head, &checked, &why);
+    const uint64_t held =
+        source->row != NULL ? mni_tree_rows_bytes(head->leaves, head->simplices, source->has_colors)
+                            : 0;
+    if (!mni_block_threaded(&checked, head->leaves, held))
+        checked.threads = 1;
     if (code == MN_OK)
-        code = mni_rows_open(&rows, source, cache_bytes(checked.ram_bytes), &why);
+        code = mni_rows_open(&rows, source, cache_bytes(&checked, head->leaves), &why);
     if (code == MN_OK) {
         code = write_file(path, head, &rows, build_id, &checked, header, &out, &why);
         count.bytes_read = rows.bytes_read;
@@ -526,7 +534,7 @@ mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_des
     mn_block_desc checked = desc != NULL ? *desc : (mn_block_desc){0};
     mn_code code = mn_tree_check(tree, st);
     if (code == MN_OK)
-        code = mni_block_desc_check(tree, &checked, st);
+        code = mni_block_desc_check(path, tree, &checked, st);
     if (code != MN_OK)
         return code;
     sections s = {.bytes = {malloc(sizeof(mni_row) * tree->leaves),

@@ -5,6 +5,7 @@
 
 #include "file.h"
 #include "header.h"
+#include "need_block.h"
 #include "simplify.h"
 #include "vdt_header.h"
 
@@ -65,28 +66,45 @@ static uint64_t using_bytes(const size *s, mn_tree_use use) {
         return extracting;
     case MN_TREE_SETTLE: /* seats, first and last of nodes, a stack */
         return max_u64(extracting, s->leaves * 9 + s->simplices * 24 + s->leaves * 24);
-    case MN_TREE_BLOCK: /* rows, and the packer's own */
-        return s->leaves * (sizeof(mni_row) + 4) + s->simplices * sizeof(mni_row_simplex) +
-               (6 << 20);
     case MN_TREE_COMPARE:
         return 8 << 20; /* verify.c's VDT_WORK_BYTES */
     }
     return 0;
 }
 
-mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_status *st) {
-    size s;
-    mn_code code = size_of(path, &s, st);
-    if (code != MN_OK || ram_bytes == 0)
-        return code;
-    const uint64_t need =
-        MNI_PROGRAM_BYTES + tree_bytes(&s) + max_u64(loading_bytes(&s), using_bytes(&s, use));
-    if (need <= ram_bytes)
+static uint64_t rows_bytes(const size *s) {
+    return s->leaves * (sizeof(mni_row) + 4) + s->simplices * sizeof(mni_row_simplex);
+}
+
+uint64_t mni_tree_rows_bytes(uint64_t leaves, uint64_t simplices, bool has_colors) {
+    const size s = {.leaves = leaves, .simplices = simplices, .has_colors = has_colors};
+    return tree_bytes(&s) + rows_bytes(&s);
+}
+
+/* beside: the tree, while it is used. */
+static mn_code check(const char *path, const size *s, uint64_t beside, uint64_t ram_bytes,
+                     mn_status *st) {
+    const uint64_t need = MNI_PROGRAM_BYTES + tree_bytes(s) + max_u64(loading_bytes(s), beside);
+    if (ram_bytes == 0 || need <= ram_bytes)
         return MN_OK;
     return mn_fail(
         st, MN_CAP_TOO_SMALL,
         "%s: its %llu vertices are to be in memory, all at once: %llu MB, where the cap is "
         "%.1f MB; try --ram %lluM",
-        path, (unsigned long long)s.leaves, (unsigned long long)(need >> 20) + 1,
+        path, (unsigned long long)s->leaves, (unsigned long long)(need >> 20) + 1,
         (double)ram_bytes / (1 << 20), (unsigned long long)(need >> 20) + 1);
+}
+
+mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_status *st) {
+    size s;
+    mn_code code = size_of(path, &s, st);
+    return code == MN_OK ? check(path, &s, using_bytes(&s, use), ram_bytes, st) : code;
+}
+
+mn_code mn_tree_fits_blocks(const char *path, const mn_block_desc *desc, mn_status *st) {
+    size s;
+    mn_code code = size_of(path, &s, st);
+    return code == MN_OK ? check(path, &s, rows_bytes(&s) + mni_block_work(desc, s.leaves, false),
+                                 desc->ram_bytes, st)
+                         : code;
 }

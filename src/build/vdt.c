@@ -225,6 +225,16 @@ static unsigned long long ram_for(uint64_t work_bytes) {
     return (small + spare + (1 << 20) - 1) >> 20;
 }
 
+static uint64_t work_least(uint32_t cell_vertices, uint64_t vertices) {
+    return max_u64(MNI_EXTMESH_WORK_MIN,
+                   max_u64(mni_rounds_work_min(cell_vertices), mni_order_work_min(vertices)));
+}
+
+uint64_t mn_vdt_ram_least(const mn_simplify_desc *simplify, uint64_t vertices) {
+    const uint32_t cells = mni_rounds_cells_for(simplify->cell_vertices, simplify->work_bytes);
+    return (uint64_t)ram_for(work_least(cells, vertices)) << 20;
+}
+
 /* Each phase has all that is left by the program:
  *
  *   read      shares of it (extintake.h): at least MNI_EXTMESH_WORK_MIN, and 1 byte a vertex
@@ -237,9 +247,7 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
         ram = m->read.ram_bytes;
     m->simplify.cell_vertices =
         mni_rounds_cells_for(m->simplify.cell_vertices, m->simplify.work_bytes);
-    uint64_t need =
-        max_u64(MNI_EXTMESH_WORK_MIN, max_u64(mni_rounds_work_min(m->simplify.cell_vertices),
-                                              mni_order_work_min(vertices)));
+    const uint64_t need = work_least(m->simplify.cell_vertices, vertices);
     m->work_bytes = ram == 0 ? 0 : work_of(ram);
     const uint64_t less = m->simplify.work_bytes;
     if (less != 0 && less < need)
@@ -555,7 +563,7 @@ mn_code mn_vdt_write(mn_vdt *vdt, const char *path, const mn_watch *watch, mn_st
 mn_code mn_vdt_block(mn_vdt *vdt, const char *path, const mn_block_desc *desc, mn_header *header,
                      mn_block_counts *counts, mn_status *st) {
     mn_block_desc checked = desc != NULL ? *desc : (mn_block_desc){0};
-    mn_code code = mni_block_desc_check(&vdt->head, &checked, st);
+    mn_code code = mni_block_desc_check(path, &vdt->head, &checked, st);
     if (code != MN_OK)
         return code;
     const mni_rows_source source = source_of(vdt);

@@ -9,6 +9,7 @@ enum {
     MNI_MNT_VERSION = 3,
     MNI_MNT_OVERFLOW_BYTES = 65536,
     MNI_BLOCK_BYTES = 8192, /* where nobody says otherwise */
+    MNI_BLOCK_LEVELS = 5,   /* likewise */
     MNI_BLOCK_BYTES_MAX = 1 << 20,
     MNI_ZSTD_LEVEL_MAX = 22,
 };

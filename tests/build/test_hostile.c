@@ -341,7 +341,7 @@ static void reseal_vdt(unsigned char *bytes, bool contents) {
 static void block_lies(const char *path, const char *out, mn_code whole) {
     mn_vdt *vdt;
     mn_status st = {0};
-    mn_block_desc desc = {.block_bytes = 4096, .ram_bytes = 1 << 20};
+    mn_block_desc desc = {.block_bytes = 4096, .ram_bytes = 8 << 20};
     mn_code code = mn_vdt_open(path, NULL, &vdt, &st);
     if (code == MN_OK) {
         code = mn_vdt_block(vdt, out, &desc, NULL, NULL, &st);

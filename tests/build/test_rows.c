@@ -265,7 +265,7 @@ START_TEST(the_same_bytes_in_any_memory) {
         mn_tree_free(&back);
         for (uint32_t m = 0; m < 3; m++) {
             mn_block_counts counts;
-            desc.ram_bytes = m == 0 ? 1 : m == 1 ? (8 << 20) + (1 << 18) : 0;
+            desc.ram_bytes = m == 0 ? 9 << 20 : m == 1 ? (9 << 20) + (1 << 18) : 0;
             desc.threads = m;
             ck_assert_msg(block(&f, &f.file, "b.mnt", &desc, &b, &counts, &st) == MN_OK, "%s",
                           st.text);
@@ -329,7 +329,7 @@ START_TEST(lies_are_found_out) {
                               .l = 1 + i % 5,
                               .block_bytes = 4096u << i % 3,
                               .threads = 1 + i % 2,
-                              .ram_bytes = 1};
+                              .ram_bytes = 8 << 20};
         mn_status st = {0};
         mn_header h;
         for (uint32_t k = 0; k < lies; k++) {
@@ -405,8 +405,10 @@ START_TEST(a_file_that_is_written_to_is_told) {
     f.file.stamp = mni_rows_stamp(f.file.fd);
     for (uint32_t threads = 1; threads <= 2; threads++) {
         mn_status st = {0};
-        const mn_block_desc desc = {
-            .ram_bytes = 1, .threads = threads, .progress = write_over, .progress_context = &f};
+        const mn_block_desc desc = {.ram_bytes = 8 << 20,
+                                    .threads = threads,
+                                    .progress = write_over,
+                                    .progress_context = &f};
         write_section(&f, MNI_ROWS);
         f.file.stamp = mni_rows_stamp(f.file.fd);
         ck_assert_int_eq(block(&f, &f.file, "w.mnt", &desc, NULL, NULL, &st), MN_BAD_INPUT);
@@ -441,7 +443,7 @@ END_TEST
 
 START_TEST(files_that_end_early_are_told) {
     filed f;
-    mn_block_desc desc = {.ram_bytes = 1};
+    mn_block_desc desc = {.ram_bytes = 8 << 20};
     make_filed(0, 20, &f);
     off_t whole = lseek(f.file.fd, 0, SEEK_END);
     for (off_t length = 0; length < whole; length += 1000) {
