@@ -63,6 +63,7 @@ _Static_assert(sizeof(state) == 40 + 16 * MNI_WORK_FILES_MAX + MNI_WORK_FACTS_MA
 struct mn_work {
     char *path;
     int folder;                          /* locked */
+    bool made;                           /* it was not there before */
     uint64_t options, input;             /* of this build */
     state is;                            /* of what lies there; phase NONE: nothing */
     mni_spill spill[MNI_WORK_FILES_MAX]; /* resumed, until they are taken */
@@ -172,7 +173,8 @@ static bool lock(int folder) {
 static mn_code open_folder(mn_work *work, mn_status *st) {
     struct stat here, there;
     for (int i = 0; i < OPEN_TRIES; i++) {
-        if (mkdir(work->path, 0700) != 0 && errno != EEXIST)
+        work->made = mkdir(work->path, 0700) == 0;
+        if (!work->made && errno != EEXIST)
             return mn_fail(
                 st, mn_code_of_write(errno),
                 "%s: cannot be made: %s; name a folder for temporary files with --temp-dir",
@@ -250,8 +252,9 @@ static mn_code write_state(const mn_work *work, const state *is, mn_status *st) 
 static mn_code resume(mn_work *work, const mn_work_desc *desc, mn_status *st) {
     mn_status ignored = {0};
     state is;
-    snprintf(work->note, sizeof work->note, "%s: no phase was finished; from the beginning",
-             work->path);
+    snprintf(work->note, sizeof work->note, "%s: %s; from the beginning", work->path,
+             work->made ? "was not there, so there is nothing to go on from"
+                        : "no phase was finished");
     if (!read_state(work, &is))
         return MN_OK;
     if (is.options != work->options)

@@ -203,7 +203,7 @@ END_TEST
 
 START_TEST(begins_anew) {
     mn_work *work = try_open(true, MN_OK, ""); /* nothing there */
-    ck_assert_ptr_nonnull(strstr(mn_work_note(work), "from the beginning"));
+    ck_assert_ptr_nonnull(strstr(mn_work_note(work), "nothing to go on from; from the beginning"));
     ck_assert_int_eq(mn_work_done(work), MN_PHASE_NONE);
     mn_work_close(work);
     killed_after(MN_PHASE_NONE); /* in its first phase */
