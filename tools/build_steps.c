@@ -262,9 +262,10 @@ int build_end(build_steps *b) {
     if (b->st.code == MN_OK)
         build_report(b);
     mn_vdt_close(b->vdt);
+    const bool had_work = b->work != NULL;
     end_work(b);
     mn_tree_free(&b->tree);
-    return cli_status(&b->st);
+    return cli_status_with(&b->st, had_work ? ", no finished phase is kept" : "");
 }
 
 const char *build_metric_name(mn_metric metric) {

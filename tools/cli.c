@@ -29,9 +29,13 @@ int cli_error(mn_code code, const char *format, ...) {
 static volatile sig_atomic_t interrupted; /* by which signal; 0: by none */
 
 int cli_status(const mn_status *st) {
+    return cli_status_with(st, "");
+}
+
+int cli_status_with(const mn_status *st, const char *when_interrupted) {
     if (st->code == MN_FAILED && interrupted != 0 && strstr(st->text, "interrupted") != NULL)
-        cli_error(st->code, "interrupted by SIG%s; what stood there before stands yet",
-                  sigabbrev_np(interrupted));
+        cli_error(st->code, "interrupted by SIG%s; no output was changed%s",
+                  sigabbrev_np(interrupted), when_interrupted);
     else if (st->code != MN_OK)
         cli_error(st->code, "%s", st->text);
     return (int)st->code;

@@ -37,6 +37,7 @@ int cmd_bench(int argc, char **argv);
 /* Prints "metanode: …" on standard error and returns the code. */
 int cli_error(mn_code code, const char *format, ...) __attribute__((format(printf, 2, 3)));
 int cli_status(const mn_status *st); /* the same of a status; MN_OK prints nothing */
+int cli_status_with(const mn_status *st, const char *when_interrupted); /* adds that to the line */
 
 /* getopt_long without its own messages: -1 at the end; '?' has been reported (exit MN_USAGE). */
 int cli_option(int argc, char **argv, const char *short_options, const struct option *options);
@@ -79,7 +80,8 @@ extern const char *const cli_on_off[]; /* names: 0 on, 1 off; as mn_weld */
  * help was asked for, and printed. */
 mn_code cli_flags(int argc, char **argv, const cli_flag *flags, const char *help, bool *done);
 
-/* "16M", "16MB", "16MiB", "1.5G", "4096": powers of 1024. false: not a size, or 0, or above 2^62. */
+/* "16M", "16MB", "16MiB", "1.5G", "4096": powers of 1024. false: not a size, or 0, or above 2^62.
+ */
 bool cli_size(const char *text, uint64_t *bytes);
 /* "100", "20k", "5M": powers of 1000. */
 bool cli_u64(const char *text, uint64_t min, uint64_t max, uint64_t *value);

@@ -145,7 +145,7 @@ interrupts() {
             pass
         else
             check "SIG$signal $i: exit $code" test "$code" -eq 1
-            one_line "SIG$signal $i" "interrupted by SIG$signal"
+            one_line "SIG$signal $i" "interrupted by SIG$signal" "no finished phase is kept"
         fi
         check "SIG$signal $i: nothing is left" test -z "$(ls -A here)"
     done
