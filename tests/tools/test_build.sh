@@ -197,6 +197,8 @@ rss() {
 expect 0 make sphere --triangles 40000 -o planet.ply
 expect 0 simplify planet.ply -o planet.vdt --ram 64M
 spoil planet.ply
+sanitized=false # a sanitizer takes memory of its own: no limits then
+! nm -D "$metanode" 2>/dev/null | grep -qE '__(asan|tsan)_init' || sanitized=true
 for options in "--blocking levels -L 16" "--block-bytes 256K"; do
     for command in "build cut.ply" "block planet.vdt"; do
         # shellcheck disable=SC2086 # words
@@ -207,7 +209,7 @@ for options in "--blocking levels -L 16" "--block-bytes 256K"; do
         for threads in 1 2; do
             # shellcheck disable=SC2086
             expect 0 ${command%% *} planet.${command##*.} -o x.mnt --ram "${ram}M" -j $threads --json $options
-            [ "$(rss)" -le $((ram << 20)) ] || fail "$command $options: $(rss) bytes under ${ram}M"
+            $sanitized || [ "$(rss)" -le $((ram << 20)) ] || fail "$command $options: $(rss) bytes under ${ram}M"
         done
     done
 done
