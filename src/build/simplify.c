@@ -10,8 +10,8 @@
  *
  * Stages (design.md §3.2): 1 legal, 2 folding allowed, 3 link condition waived until no simplex is
  * left, 4 virtual edges between roots (roots.c). One thread; blocks on nothing. Memory: the sum in
- * mn_simplify_need_bytes, taken at the start but for hinges and packing. Paper: §2.1.1
- * and §3.1. */
+ * mn_simplify_need_bytes (need_simplify.c), taken at the start but for hinges and packing. Paper:
+ * §2.1.1 and §3.1. */
 #include "simplify.h"
 
 #include <float.h>
@@ -719,51 +719,6 @@ void mni_simplify_look(mni_simplifier *s) {
     }
 }
 
-/* Hinges that there may be: a lone triangle leaves one, a book's pages one each, and a surface
- * hardly any. Its own twice the vertices are as many as the triangles; what is beyond is edge, or
- * parts. */
-static uint64_t hinges_expected(uint64_t vertices, uint64_t triangles) {
-    uint64_t beyond = 2 * vertices > triangles ? 2 * vertices - triangles : 0;
-    return beyond < triangles ? beyond : triangles;
-}
-
-/* The peak is where the simplifier's arrays, the mesh and the tree made of them are all there;
- * blocking takes less. Resident bytes of whole builds were 0.67 to 0.98 of this (scans, terrain of
- * a million triangles, lone triangles and tetrahedra). */
-static uint64_t whole_bytes(uint64_t vertices, uint64_t triangles) {
-    uint64_t mesh = vertices * (12 + 4 /* colour */) + triangles * 12;
-    uint64_t a_vertex = sizeof(mni_vertex) + 8 /* seen */ + sizeof(mni_heap_item) + 4 /* heap */ +
-                        16 /* collapses */ + 8 /* bounds */ + 4 /* own */ +
-                        sizeof(mni_witnesses) / 2;
-    uint64_t a_triangle = sizeof(mni_simplex) + 12 /* origin */ + 24 /* pool */ +
-                          24 /* pool, packed */ + 12 /* normal */ + 12 /* own */;
-    uint64_t a_hinge = (sizeof(mni_simplex) + 12) * 5 / 4 + 8 /* pool */ + 12 /* tree */ + 9;
-    uint64_t tree = vertices * (12 + 4 + 4 * 5 + 8 + 6 + 4 + 4 + 12) + triangles * 12;
-    return mesh + vertices * a_vertex + triangles * a_triangle +
-           hinges_expected(vertices, triangles) * a_hinge + tree + MNI_PROGRAM_BYTES;
-}
-
-/* Beside rounds: the mesh, what it takes to write it out, and its numbers. */
-static uint64_t rounds_beside_bytes(uint64_t vertices, uint64_t triangles) {
-    return vertices * (12 + 4 /* colour */ + 4) + triangles * 12 + MNI_PROGRAM_BYTES;
-}
-
-static uint64_t rounds_bytes(uint64_t vertices, uint64_t triangles) {
-    uint64_t tree =
-        vertices * (12 + 4 + 4 * 5 + 8 + 3 + 4 /* tree */ + 20 /* history.c */) + triangles * 12;
-    uint64_t writing = vertices * 20 + triangles * 8, rounds = mni_rounds_work_min(0);
-    uint64_t most = tree > writing ? tree : writing;
-    return rounds_beside_bytes(vertices, triangles) + (most > rounds ? most : rounds);
-}
-
-uint64_t mn_simplify_need_bytes(uint64_t vertices, uint64_t triangles) {
-    uint64_t whole = whole_bytes(vertices, triangles), rounds;
-    if (vertices <= MNI_CELL_VERTICES)
-        return whole;
-    rounds = rounds_bytes(vertices, triangles);
-    return whole < rounds ? whole : rounds;
-}
-
 mn_code mni_simplify_room(mni_simplifier *s, uint32_t n) {
     s->made.left = malloc((size_t)n * sizeof *s->made.left);
     s->made.right = malloc((size_t)n * sizeof *s->made.right);
@@ -848,7 +803,7 @@ static mn_code simplify_whole(const mn_mesh *mesh, const mn_simplify_desc *desc,
 /* Through files, as what does not fit in memory is. */
 static mn_code simplify_in_rounds(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *out,
                                   mn_status *st) {
-    uint64_t taken = rounds_beside_bytes(mesh->vertices, mesh->triangles);
+    uint64_t taken = mni_rounds_beside_bytes(mesh->vertices, mesh->triangles);
     mni_rounds_desc rounds = {.metric = desc->metric,
                               .cell_vertices = desc->cell_vertices,
                               .threads = desc->threads,
@@ -901,7 +856,7 @@ mn_code mn_simplify(const mn_mesh *mesh, const mn_simplify_desc *desc, mn_tree *
     mn_simplify_desc left = *desc;
     left.ram_bytes -= desc->ram_bytes > 0 ? copy_bytes : 0;
     bool whole =
-        left.ram_bytes == 0 || whole_bytes(mesh->vertices, mesh->triangles) <= left.ram_bytes;
+        left.ram_bytes == 0 || mni_whole_bytes(mesh->vertices, mesh->triangles) <= left.ram_bytes;
     mn_code code = desc->cell_vertices > 0 || !whole ? simplify_in_rounds(&own, &left, out, st)
                                                      : simplify_whole(&own, &left, out, st);
     if (unit != 0) {
