@@ -39,8 +39,7 @@ typedef struct sums {
 } sums;
 
 static sums add_up(const build_steps *b) {
-    sums s = {.bytes_read = b->loaded_bytes + b->blocked.bytes_read,
-              .bytes_written = b->blocked.bytes_written};
+    sums s = {.bytes_read = b->blocked.bytes_read, .bytes_written = b->blocked.bytes_written};
     if (b->vdt == NULL)
         return s;
     s.phase = *mn_vdt_figures_of(b->vdt);

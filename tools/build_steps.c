@@ -34,7 +34,6 @@ static mn_code read_words(words *w, int argc, char **argv, unsigned steps, const
         CLI_CHOICE("reader", &w->reader, reader_names, "own or openmesh"),
         CLI_WHOLE("position-bits", &w->position_bits, MN_POSITION_BITS_MIN, MN_POSITION_BITS_MAX,
                   "in 8 … 23"),
-        CLI_TEXT("temp-dir", &w->temp_dir),
         CLI_SWITCH("resume", &w->resume),
         CLI_SIZE("work-ram", &w->work_bytes, 1, UINT64_MAX, "a size like 4M"),
     };
@@ -60,6 +59,7 @@ static mn_code read_words(words *w, int argc, char **argv, unsigned steps, const
     const cli_flag both[] = {
         CLI_OUTPUT(&w->out),
         CLI_SIZE("ram", &w->ram_bytes, 1, UINT64_MAX, "a size like 64M"),
+        CLI_TEXT("temp-dir", &w->temp_dir),
         {.name = "jobs",
          .letter = 'j',
          .kind = CLI_IS_WHOLE,
@@ -211,24 +211,33 @@ mn_code build_make(build_steps *b) {
     return code;
 }
 
+/* What a .mnt takes of the disk, and whether blocks fit: by what the header says. */
+static mn_code begin_open(build_steps *b) {
+    uint64_t vertices, triangles;
+    mn_code code = mn_tree_expect(b->in, &vertices, &triangles, &b->st);
+    if (code == MN_OK)
+        code = mn_block_fits(b->in, &b->block, vertices, 0, &b->st);
+    if (code != MN_OK || mn_tree_is_vdt(b->in))
+        return code;
+    b->temp.planned_bytes = mn_vdt_open_temp_bytes(vertices, triangles);
+    return temp_check(&b->temp, b->out, &b->st);
+}
+
 mn_code build_open(build_steps *b) {
     const mn_watch watch = {progress, b};
-    const bool vdt = mn_tree_is_vdt(b->in);
-    mn_code code = vdt ? MN_OK : mn_tree_fits_blocks(b->in, &b->block, &b->st);
+    const mn_open_desc desc = {
+        .ram_bytes = b->ram_bytes, .temp_dir = b->temp.folder, .watch = &watch};
+    mn_code code = begin_open(b);
     if (code == MN_OK)
-        code = vdt ? mn_vdt_open(b->in, &watch, &b->vdt, &b->st)
-                   : mn_tree_load(b->in, &watch, &b->tree, &b->st);
+        code = mn_vdt_open(b->in, &desc, &b->vdt, &b->st);
     if (code != MN_OK)
         return code;
-    b->head = vdt ? mn_vdt_head(b->vdt) : &b->tree;
-    b->loaded_bytes = cli_file_bytes(b->in);
-    return mn_block_fits(b->in, &b->block, b->head->leaves, 0, &b->st);
+    b->head = mn_vdt_head(b->vdt);
+    return MN_OK;
 }
 
 mn_code build_block(build_steps *b) {
-    if (b->vdt != NULL)
-        return mn_vdt_block(b->vdt, b->out, &b->block, &b->header, &b->blocked, &b->st);
-    return mn_block_write(b->out, &b->tree, &b->block, &b->header, &b->blocked, &b->st);
+    return mn_vdt_block(b->vdt, b->out, &b->block, &b->header, &b->blocked, &b->st);
 }
 
 mn_code build_write(build_steps *b) {
@@ -264,7 +273,6 @@ int build_end(build_steps *b) {
     mn_vdt_close(b->vdt);
     const bool had_work = b->work != NULL;
     end_work(b);
-    mn_tree_free(&b->tree);
     return cli_status_with(&b->st, had_work ? ", no finished phase is kept" : "");
 }
 

@@ -21,10 +21,8 @@ typedef struct build_steps {
     temp_files temp;
     mn_work *work;
     mn_vdt *vdt;
-    mn_tree tree;        /* of a .mnt that is blocked again: in memory */
-    const mn_tree *head; /* counts and facts of either; NULL: there is none yet */
-    uint64_t loaded_bytes;
-    mn_header header; /* blocks 0: nothing was blocked */
+    const mn_tree *head; /* counts and facts; NULL: there is none yet */
+    mn_header header;    /* blocks 0: nothing was blocked */
     mn_block_counts blocked;
     cli_meter meter;
     mn_status st;

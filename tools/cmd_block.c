@@ -1,13 +1,14 @@
-/* metanode block: a .vdt into a .mnt, the second half of build. */
+/* metanode block: a .vdt, or the tree of a .mnt, into a .mnt: the second half of build. */
 #include "build_steps.h"
 
 static const char help[] =
-    "usage: metanode block IN.vdt -o OUT.mnt [OPTION …]\n\n"
-    "The second half of build: cuts a tree that metanode simplify has made into blocks.\n"
-    "(One that a .mnt holds, too, in memory: 170 bytes a vertex, or it is refused.)\n\n"
+    "usage: metanode block IN -o OUT.mnt [OPTION …]\n\n"
+    "The second half of build: cuts a tree that metanode simplify has made (a .vdt) into blocks,\n"
+    "or one that a .mnt holds into others. Either may be larger than memory.\n\n"
     "  -o FILE               the .mnt; what stood there stays until the new one is whole\n"
     "  --ram SIZE            cap for the whole process; default: half of the memory, or of\n"
     "                        what the cgroup allows\n"
+    "  --temp-dir DIR        of a .mnt: where temporary files go (default: beside the output)\n"
     "  -j N                  threads; default: as many as processors are allowed\n"
     "  --blocking packed|levels   blocks of fixed bytes, filled (default), or of L levels\n"
     "  --block-bytes SIZE    packed: a multiple of 4096 up to 1M; default 8K\n"

@@ -169,6 +169,8 @@ mn_code mn_tree_write(const char *path, const mn_tree *tree, mn_status *st); /* 
 mn_code mn_tree_read(const char *path, mn_tree *out, mn_status *st);
 /* Does the file begin like a .vdt? false also where it cannot be read. */
 bool mn_tree_is_vdt(const char *path);
+/* What the header of a .vdt or .mnt says. MN_BAD_INPUT: it is none. */
+mn_code mn_tree_expect(const char *path, uint64_t *vertices, uint64_t *triangles, mn_status *st);
 
 /* ---- going on after a kill ----------------------------------------------------------------- */
 
@@ -243,7 +245,8 @@ mn_code mn_block_write(const char *path, const mn_tree *tree, const mn_block_des
 
 /* ---- trees that stay on disk ---------------------------------------------------------------- */
 
-/* A tree of any size: a .vdt, or temporary files of one that is being made. One thread. */
+/* A tree of any size: a .vdt, or temporary files of one that is being made, or was in a .mnt. One
+ * thread. */
 typedef struct mn_vdt mn_vdt;
 
 typedef struct mn_phase_figures {
@@ -267,11 +270,21 @@ uint64_t mn_vdt_ram_least(const mn_simplify_desc *simplify, uint64_t vertices);
 /* What mn_vdt_make and mn_vdt_block may need of the disk of temp_dir for a mesh of that size
  * (mn_mesh_expect) within ram_bytes (0: no bound), the output included. */
 uint64_t mn_vdt_temp_bytes(uint64_t vertices, uint64_t triangles, uint64_t ram_bytes);
-/* Opens a .vdt, which is read once and compared with its checksums. */
-mn_code mn_vdt_open(const char *path, const mn_watch *watch, mn_vdt **out, mn_status *st);
+typedef struct mn_open_desc {
+    uint64_t ram_bytes;   /* of the process; 0: no bound */
+    const char *temp_dir; /* NULL: the working directory; outlives the tree */
+    const mn_watch *watch;
+} mn_open_desc;
+/* Opens a .vdt, which is read once and compared with its checksums; or a .mnt, whose rows are taken
+ * out of its blocks, all of which are checked, into temporary files. desc may be NULL.
+ * MN_CAP_TOO_SMALL names what would do; MN_NO_SPACE: temporary files filled the disk. */
+mn_code mn_vdt_open(const char *path, const mn_open_desc *desc, mn_vdt **out, mn_status *st);
+/* What that may need of the disk of temp_dir for a .mnt of that size. */
+uint64_t mn_vdt_open_temp_bytes(uint64_t vertices, uint64_t triangles);
 void mn_vdt_close(mn_vdt *vdt); /* NULL is harmless */
 /* Counts and facts; the pointers to arrays are NULL. Until close. */
 const mn_tree *mn_vdt_head(const mn_vdt *vdt);
+bool mn_vdt_has_colors(const mn_vdt *vdt);
 const mn_vdt_figures *mn_vdt_figures_of(const mn_vdt *vdt);
 /* Writes a .vdt: temporary name, sync, rename. */
 mn_code mn_vdt_write(mn_vdt *vdt, const char *path, const mn_watch *watch, mn_status *st);
@@ -313,8 +326,6 @@ typedef enum mn_tree_use {
 /* Whether the process stays below ram_bytes (0: no bound) when it does that, by what the file's
  * header says. MN_CAP_TOO_SMALL names what would do. */
 mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_status *st);
-/* The same of mn_block_write, in desc's ram_bytes. */
-mn_code mn_tree_fits_blocks(const char *path, const mn_block_desc *desc, mn_status *st);
 
 /* Rebuilds the tree that a .mnt (or .vdt) holds, whole, in memory. */
 mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st);

@@ -101,10 +101,10 @@ mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_s
     return code == MN_OK ? check(path, &s, using_bytes(&s, use), ram_bytes, st) : code;
 }
 
-mn_code mn_tree_fits_blocks(const char *path, const mn_block_desc *desc, mn_status *st) {
-    size s;
+mn_code mn_tree_expect(const char *path, uint64_t *vertices, uint64_t *triangles, mn_status *st) {
+    size s = {0};
     mn_code code = size_of(path, &s, st);
-    return code == MN_OK ? check(path, &s, rows_bytes(&s) + mni_block_work(desc, s.leaves, false),
-                                 desc->ram_bytes, st)
-                         : code;
+    *vertices = s.leaves;
+    *triangles = s.triangles;
+    return code;
 }

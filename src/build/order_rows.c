@@ -8,12 +8,9 @@
  * Simplices of a row are counted in step 2, a byte each (255: four more follow), so that in step 3
  * each is put where it belongs at once. A bucket that has more of them than there is room is gone
  * through several times. Memory: plan.rows_bytes. One thread. */
-#define XXH_STATIC_LINKING_ONLY /* the state's size */
-#include <xxhash.h>
-
 #include "mn_assert.h"
 #include "order_parts.h"
-#include "rowpack.h"
+#include "rowpack_write.h"
 #include "unit.h"
 
 enum { PAGE_BYTES = 1024, COUNT_MANY = 255, ALIGN = 16 };
@@ -24,11 +21,8 @@ typedef struct rows {
     mni_row *row; /* of a bucket; step 3: room for its simplices */
     uint32_t *id; /* of its leaves; step 3: where each row's simplices begin */
     void *room;   /* a chunk */
-    mni_spill_writer file, counts, places;
-    uint64_t file_bytes; /* put so far */
-    mni_row_simplex page[MNI_SIMPLICES_PAGE];
-    uint32_t in_page;
-    XXH3_state_t sum;
+    mni_spill_writer counts;
+    mni_rowpack_writer out;
     uint32_t first, count, simplices;
 } rows;
 
@@ -41,58 +35,6 @@ static uint32_t take_at(const unsigned char **at) {
     memcpy(&row, *at, sizeof row);
     *at += sizeof row;
     return row;
-}
-
-/* ---- the file -------------------------------------------------------------------------------- */
-
-static void put_page(rows *r, const unsigned char *packed, size_t bytes) {
-    mni_spill_put(&r->places, &r->file_bytes, sizeof r->file_bytes);
-    mni_spill_put(&r->file, packed, bytes);
-    r->file_bytes += bytes;
-}
-
-/* The bucket's. */
-static void put_rows(rows *r) {
-    unsigned char packed[MNI_PAGE_PACKED_MAX];
-    XXH3_64bits_update(&r->sum, r->row, r->count * sizeof *r->row);
-    for (uint32_t i = 0; i < r->count; i += MNI_ROWS_PAGE) {
-        const uint32_t count = r->count - i < MNI_ROWS_PAGE ? r->count - i : MNI_ROWS_PAGE;
-        put_page(r, packed,
-                 mni_rows_pack(packed, r->row + i, r->first + i, count, r->w->mesh->grid_step));
-    }
-}
-
-static void put_simplex_page(rows *r) {
-    unsigned char packed[MNI_PAGE_PACKED_MAX];
-    if (r->in_page > 0)
-        put_page(r, packed, mni_simplices_pack(packed, r->page, r->in_page));
-    r->in_page = 0;
-}
-
-static void put_simplices(rows *r, const mni_row_simplex *simplex, uint32_t count) {
-    XXH3_64bits_update(&r->sum, simplex, count * sizeof *simplex);
-    for (uint32_t i = 0; i < count; i++) {
-        r->page[r->in_page++] = simplex[i];
-        if (r->in_page == MNI_SIMPLICES_PAGE)
-            put_simplex_page(r);
-    }
-}
-
-/* Where pages begin, behind them. */
-static mn_code put_places(rows *r, void *buffer) {
-    mni_order_work *w = r->w;
-    mni_spill_reader from;
-    const uint64_t *place;
-    mni_spill_put(&r->places, &r->file_bytes, sizeof r->file_bytes);
-    if (mni_spill_end(&r->places) != MN_OK)
-        return trouble(&w->places, w->st);
-    mni_spill_reader_open(&from, &w->places, 0, w->places.size_bytes, buffer,
-                          MNI_ORDER_BUFFER_BYTES, true);
-    while ((place = mni_spill_take(&from, sizeof *place)) != NULL)
-        mni_spill_put(&r->file, place, sizeof *place);
-    if (mni_spill_end(&r->file) != MN_OK)
-        return trouble(&w->out->file, w->st);
-    return w->places.trouble.code != MN_OK ? trouble(&w->places, w->st) : MN_OK;
 }
 
 /* ---- step 2: rows --------------------------------------------------------------------------- */
@@ -189,9 +131,9 @@ static mn_code give_rows(rows *r) {
         r->simplices += count;
         put_count(r, count);
         code = place_leaf(r, i);
+        if (code == MN_OK)
+            mni_rowpack_row(&r->out, &r->row[i]);
     }
-    if (code == MN_OK)
-        put_rows(r);
     return code;
 }
 
@@ -244,7 +186,8 @@ static mn_code give_window(rows *r, uint32_t bucket, uint32_t window, uint32_t c
     } while (mni_bucket_more(&from, &w->simplex));
     if (w->simplex.spill.trouble.code != MN_OK)
         return trouble(&w->simplex.spill, w->st);
-    put_simplices(r, (const mni_row_simplex *)r->row, count);
+    for (uint32_t i = 0; i < count; i++)
+        mni_rowpack_simplex(&r->out, (const mni_row_simplex *)r->row + i);
     return MN_OK;
 }
 
@@ -299,17 +242,17 @@ static void open_rows(rows *r, mni_arena *arena, void *buffer[3]) {
                    w->mesh->vertices, arena, p->vertices_bytes);
     mni_pages_open(&r->leaf_of, &w->leaf_of, sizeof(uint32_t), PAGE_BYTES, w->mesh->vertices, arena,
                    p->leaves_bytes);
-    mni_spill_writer_open(&r->file, &w->out->file, buffer[0], MNI_ORDER_BUFFER_BYTES);
     mni_spill_writer_open(&r->counts, &w->counts, buffer[1], MNI_ORDER_BUFFER_BYTES);
-    mni_spill_writer_open(&r->places, &w->places,
-                          mni_arena_take(arena, MNI_ORDER_PLACES_BYTES, 1, ALIGN),
-                          MNI_ORDER_PLACES_BYTES);
+    const mni_rowpack_buffer places = {mni_arena_take(arena, MNI_ORDER_PLACES_BYTES, 1, ALIGN),
+                                       MNI_ORDER_PLACES_BYTES};
+    mni_rowpack_open(&r->out, &w->out->file,
+                     (mni_rowpack_buffer){buffer[0], MNI_ORDER_BUFFER_BYTES}, &w->places, places,
+                     w->mesh->grid_step);
 }
 
 static mn_code all_rows(rows *r) {
     mni_order_work *w = r->w;
     mn_code code = MN_OK;
-    XXH3_64bits_reset(&r->sum);
     for (uint32_t b = 0; b < w->plan.buckets && code == MN_OK; b++) {
         go_to_bucket(r, b);
         code = load_rows(r, b);
@@ -318,7 +261,6 @@ static mn_code all_rows(rows *r) {
         if (code == MN_OK)
             code = mni_order_tell(w, w->mesh->vertices + r->first);
     }
-    w->out->sum[MNI_ROWS] = XXH3_64bits_digest(&r->sum);
     MN_ASSERT(code != MN_OK || r->simplices == w->history->killed_count);
     if (code == MN_OK && mni_spill_end(&r->counts) != MN_OK)
         code = trouble(&w->counts, w->st);
@@ -329,7 +271,6 @@ static mn_code all_simplices(rows *r, void *buffer) {
     mni_order_work *w = r->w;
     mni_spill_reader counts;
     mn_code code = MN_OK;
-    XXH3_64bits_reset(&r->sum);
     mni_spill_reader_open(&counts, &w->counts, 0, w->counts.size_bytes, buffer,
                           MNI_ORDER_BUFFER_BYTES, true);
     for (uint32_t b = 0; b < w->plan.buckets && code == MN_OK; b++) {
@@ -338,8 +279,6 @@ static mn_code all_simplices(rows *r, void *buffer) {
         if (code == MN_OK)
             code = mni_order_tell(w, 2 * w->mesh->vertices + r->first);
     }
-    put_simplex_page(r);
-    w->out->sum[MNI_SIMPLICES] = XXH3_64bits_digest(&r->sum);
     return code;
 }
 
@@ -355,7 +294,8 @@ mn_code mni_order_rows(mni_order_work *w) {
     if (code == MN_OK)
         code = all_simplices(&r, buffer[2]);
     if (code == MN_OK)
-        code = put_places(&r, buffer[2]);
+        code = mni_rowpack_end(&r.out, (mni_rowpack_buffer){buffer[2], MNI_ORDER_BUFFER_BYTES},
+                               w->out->sum, w->st);
     mni_arena_close(&arena);
     return code;
 }

@@ -18,6 +18,7 @@
 #include "block_rows.h"
 #include "clock.h"
 #include "grid.h"
+#include "mnt_spill.h"
 #include "order.h"
 #include "reader.h"
 #include "rounds.h"
@@ -27,14 +28,18 @@
 #include "watch.h"
 #include "work.h"
 
-enum { COPY_BYTES = 256 << 10 };
+enum {
+    COPY_BYTES = 256 << 10,
+    ROW_PACKED_MOST = 32, /* 22 to 28 were seen, and 1 of a .mnt's places */
+    SIMPLEX_PACKED_MOST = 7,
+};
 
 struct mn_vdt {
     mn_tree head;
     bool has_colors;
     uint64_t sum[MNI_SECTIONS];
-    mni_spill made; /* of a tree that was made; -1: opened */
-    mni_in file;    /* of one that was opened; -1: made */
+    mni_spill made; /* of a tree that was made, or was in a .mnt; -1: a .vdt */
+    mni_in file;    /* of a .vdt; -1: made */
     char *path;     /* likewise */
     uint64_t stamp; /* likewise: before its bytes were summed up */
     mn_vdt_figures figures;
@@ -61,6 +66,10 @@ void mn_vdt_close(mn_vdt *vdt) {
 
 const mn_tree *mn_vdt_head(const mn_vdt *vdt) {
     return &vdt->head;
+}
+
+bool mn_vdt_has_colors(const mn_vdt *vdt) {
+    return vdt->has_colors;
 }
 
 const mn_vdt_figures *mn_vdt_figures_of(const mn_vdt *vdt) {
@@ -431,12 +440,11 @@ static uint64_t section_bytes(const mn_vdt *vdt, int section) {
 }
 
 static mni_rows_source source_of(const mn_vdt *vdt) {
-    mni_rows_source s = {.rows = vdt->head.leaves,
-                         .simplices = vdt->head.simplices,
-                         .has_colors = vdt->has_colors,
-                         .name = vdt->path,
-                         .stamp = vdt->stamp};
+    mni_rows_source s = {
+        .rows = vdt->head.leaves, .simplices = vdt->head.simplices, .has_colors = vdt->has_colors};
     if (vdt->made.fd < 0) {
+        s.name = vdt->path;
+        s.stamp = vdt->stamp;
         s.fd = vdt->file.fd;
         s.row_offset = sizeof(mni_vdt_header);
         s.simplex_offset = s.row_offset + section_bytes(vdt, MNI_ROWS);
@@ -501,7 +509,9 @@ static mn_code open_file(mn_vdt *vdt, const mn_watch *watch, mn_status *st) {
     if (code != MN_OK)
         return code;
     vdt->has_colors = mni_vdt_header_has_colors(&h);
+    const double start_s = mni_now_s();
     code = each_piece(vdt, "checking", watch, sum, NULL, NULL, st);
+    vdt->figures.read = (mn_phase_figures){mni_now_s() - start_s, vdt->file.size_bytes, 0};
     for (int i = 0; i < MNI_SECTIONS && code == MN_OK; i++) {
         vdt->sum[i] = sum[i];
         if (sum[i] != h.section[i].checksum)
@@ -513,22 +523,39 @@ static mn_code open_file(mn_vdt *vdt, const mn_watch *watch, mn_status *st) {
     return code;
 }
 
-mn_code mn_vdt_open(const char *path, const mn_watch *watch, mn_vdt **out, mn_status *st) {
+static mn_code open_blocks(mn_vdt *vdt, const mn_open_desc *desc, mn_status *st) {
+    const double start_s = mni_now_s();
+    mni_ordered ordered;
+    mn_code code = mni_mnt_spill(vdt->path, desc, &ordered, &vdt->head, &vdt->has_colors, st);
+    vdt->made = ordered.file;
+    memcpy(vdt->sum, ordered.sum, sizeof vdt->sum);
+    vdt->figures.read =
+        (mn_phase_figures){mni_now_s() - start_s, ordered.bytes_read, ordered.bytes_written};
+    return code;
+}
+
+mn_code mn_vdt_open(const char *path, const mn_open_desc *desc, mn_vdt **out, mn_status *st) {
+    static const mn_open_desc defaults = {0};
     mn_vdt *vdt = new_vdt(st);
     mn_code code = MN_FAILED;
     *out = NULL;
     if (vdt == NULL)
         return code;
+    desc = desc != NULL ? desc : &defaults;
     vdt->path = strdup(path);
     if (vdt->path == NULL)
         mn_fail(st, MN_FAILED, "no memory for a tree");
     else
-        code = open_file(vdt, watch, st);
+        code = mn_tree_is_vdt(path) ? open_file(vdt, desc->watch, st) : open_blocks(vdt, desc, st);
     if (code == MN_OK)
         *out = vdt;
     else
         mn_vdt_close(vdt);
     return code;
+}
+
+uint64_t mn_vdt_open_temp_bytes(uint64_t vertices, uint64_t triangles) {
+    return vertices * ROW_PACKED_MOST + triangles * SIMPLEX_PACKED_MOST;
 }
 
 typedef struct copy {

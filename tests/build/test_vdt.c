@@ -3,11 +3,13 @@
  * with what each node is by its definition. */
 #include <check.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "block.h"
+#include "disk_help.h"
 #include "rounds.h"
 #include "suite.h"
 #include "tree.h"
@@ -235,6 +237,117 @@ START_TEST(made_written_opened_and_blocked) {
 }
 END_TEST
 
+static void make_some_tree(int kind, mn_tree *tree) {
+    mn_mesh mesh;
+    if (kind == 2)
+        fixture_book(700, &mesh); /* overflows */
+    else
+        fixture_sheet(40, 5, kind == 1, &mesh);
+    if (kind == 0)
+        fixture_tree(&mesh, tree);
+    else
+        fixture_random_tree(&mesh, 7, tree); /* deep in parts, and no roots joined */
+    mn_mesh_free(&mesh);
+}
+
+/* From a .mnt the same blocks as from the tree, however it was cut; under a small cap too. */
+START_TEST(a_mnt_is_cut_again) {
+    static const mn_block_desc cuts[] = {
+        {.block_bytes = 4096},
+        {.blocking = MN_BLOCKING_LEVELS, .l = 3},
+        {.block_bytes = 16384, .zstd_level = 3},
+    };
+    enum { CUTS = sizeof cuts / sizeof cuts[0] };
+    const mn_open_desc desc = {.ram_bytes = 10 << 20, .temp_dir = "."};
+    char first[128], again[128], wanted[128];
+    mn_tree tree;
+    mn_status st = {0};
+    snprintf(first, sizeof first, "%s", fixture_path("first.mnt"));
+    snprintf(again, sizeof again, "%s", fixture_path("again.mnt"));
+    snprintf(wanted, sizeof wanted, "%s", fixture_path("wanted.mnt"));
+    make_some_tree(_i, &tree);
+    for (int from = 0; from < CUTS; from++) {
+        mn_vdt *vdt = NULL;
+        ck_assert_msg(mn_block_write(first, &tree, &cuts[from], NULL, NULL, &st) == MN_OK, "%s",
+                      st.text);
+        ck_assert_msg(mn_vdt_open(first, &desc, &vdt, &st) == MN_OK, "%s", st.text);
+        ck_assert(mn_vdt_has_colors(vdt) == (tree.leaf_color != NULL));
+        ck_assert_uint_eq(mn_vdt_head(vdt)->depth_max, tree.depth_max);
+        for (int to = 0; to < CUTS; to++) {
+            ck_assert(mn_block_write(wanted, &tree, &cuts[to], NULL, NULL, &st) == MN_OK);
+            ck_assert_msg(mn_vdt_block(vdt, again, &cuts[to], NULL, NULL, &st) == MN_OK, "%s",
+                          st.text);
+            same_files(wanted, again);
+        }
+        mn_vdt_close(vdt);
+    }
+    mn_tree_free(&tree);
+}
+END_TEST
+
+/* Any byte of a .mnt that is another: it is not opened, or has no bearing on the rows. */
+START_TEST(a_damaged_mnt_is_refused) {
+    const uint64_t seed = fixture_seed(11);
+    uint64_t state = seed;
+    char good[128], bad[128];
+    mn_tree tree;
+    mn_status st = {0};
+    mn_vdt *vdt = NULL;
+    snprintf(good, sizeof good, "%s", fixture_path("good.mnt"));
+    snprintf(bad, sizeof bad, "%s", fixture_path("bad.mnt"));
+    make_some_tree(_i, &tree);
+    ck_assert(mn_block_write(good, &tree, NULL, NULL, NULL, &st) == MN_OK);
+    FILE *f = fopen(good, "rb");
+    unsigned char *bytes = malloc(1 << 22);
+    const size_t size = fread(bytes, 1, 1 << 22, f);
+    fclose(f);
+    for (int i = 0; i < 200; i++) {
+        const size_t at = fixture_random(&state) % size, most = i % 4 == 0 ? at : size;
+        bytes[at] ^= 0x10;
+        f = fopen(bad, "wb");
+        ck_assert(fwrite(bytes, 1, most, f) == most && fclose(f) == 0);
+        bytes[at] ^= 0x10;
+        st = (mn_status){0};
+        const mn_code code = mn_vdt_open(bad, NULL, &vdt, &st);
+        ck_assert_msg(code == MN_BAD_INPUT || code == MN_OK, "%s", st.text);
+        ck_assert((code == MN_OK) == (vdt != NULL));
+        if (code == MN_OK && mn_vdt_block(vdt, bad, NULL, NULL, NULL, &st) == MN_OK)
+            same_files(good, bad);
+        mn_vdt_close(vdt);
+    }
+    free(bytes);
+    mn_tree_free(&tree);
+}
+END_TEST
+
+START_TEST(a_mnt_is_opened_within_a_cap_and_a_disk) {
+    char path[128];
+    mn_tree tree;
+    mn_status st = {0};
+    mn_vdt *vdt = NULL;
+    snprintf(path, sizeof path, "%s", fixture_path("capped.mnt"));
+    make_some_tree(1, &tree);
+    ck_assert(mn_block_write(path, &tree, NULL, NULL, NULL, &st) == MN_OK);
+    mn_open_desc desc = {.ram_bytes = 1 << 20, .temp_dir = "."};
+    ck_assert_int_eq(mn_vdt_open(path, &desc, &vdt, &st), MN_CAP_TOO_SMALL);
+    const char *named = strstr(st.text, "--ram ");
+    ck_assert_msg(vdt == NULL && named != NULL, "%s", st.text);
+    desc.ram_bytes = strtoull(named + 6, NULL, 10) << 20;
+    st = (mn_status){0};
+    ck_assert_msg(mn_vdt_open(path, &desc, &vdt, &st) == MN_OK, "%s", st.text);
+    mn_vdt_close(vdt);
+    signal(SIGXFSZ, SIG_IGN);
+    limit_files(100);
+    ck_assert_int_eq(mn_vdt_open(path, &desc, &vdt, &st), MN_NO_SPACE);
+    ck_assert_ptr_null(vdt);
+    limit_files(RLIM_INFINITY);
+    desc.temp_dir = "no such folder";
+    st = (mn_status){0};
+    ck_assert_int_eq(mn_vdt_open(path, &desc, &vdt, &st), MN_FAILED);
+    mn_tree_free(&tree);
+}
+END_TEST
+
 START_TEST(memory_and_threads_change_nothing) {
     static const uint64_t ram[] = {0, 16 << 20, 20 << 20, 64 << 20};
     char in[128], first[128], other[128];
@@ -424,6 +537,9 @@ int main(void) {
     tcase_add_test(t, rows_say_what_nodes_are);
     tcase_add_test(t, the_build_id_is_of_the_content);
     tcase_add_loop_test(t, made_written_opened_and_blocked, 0, 2);
+    tcase_add_loop_test(t, a_mnt_is_cut_again, 0, 3);
+    tcase_add_loop_test(t, a_damaged_mnt_is_refused, 0, 3);
+    tcase_add_test(t, a_mnt_is_opened_within_a_cap_and_a_disk);
     tcase_add_test(t, memory_and_threads_change_nothing);
     tcase_add_test(t, four_megabytes_to_work_in);
     tcase_add_loop_test(t, work_that_was_kept_is_gone_on_from, 0, 4);
