@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <time.h>
 
@@ -317,12 +318,19 @@ static bool goes_on(const replay *r, mn_code code) {
     return code == MN_OK && !mn_session_trace_has_failed(r->session);
 }
 
+static uint64_t major_faults(void) {
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    return (uint64_t)usage.ru_majflt;
+}
+
 static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
     uint32_t frames = r->options.frames;
     uint32_t sample = frames / FOLDOVER_SAMPLES > 0 ? frames / FOLDOVER_SAMPLES : 1;
     mn_code code = MN_OK;
     cli_meter meter = {0};
     struct timespec due;
+    const uint64_t faults = major_faults();
     clock_gettime(CLOCK_MONOTONIC, &due);
     for (uint32_t frame = 0; frame < frames && goes_on(r, code); frame++) {
         mn_frame_stats stats;
@@ -342,6 +350,7 @@ static mn_code run_frames(replay *r, mn_camera *camera, mn_status *st) {
         (void)cli_progress(&meter, "frames", frame + 1, frames);
         pace(r, &due);
     }
+    r->figures.major_faults = major_faults() - faults;
     cli_progress_end(&meter);
     return code;
 }

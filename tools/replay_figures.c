@@ -66,6 +66,8 @@ void figures_frame(replay_figures *f, const mn_frame_stats *frame) {
     f->waits_dependency += frame->waits_dependency;
     f->triangles += frame->triangles;
     f->triangles_max = frame->triangles > f->triangles_max ? frame->triangles : f->triangles_max;
+    f->active_nodes_max =
+        frame->active_nodes > f->active_nodes_max ? frame->active_nodes : f->active_nodes_max;
     f->miss_rate += miss_rate(frame->misses, frame->adapt);
     f->tolerance_px += frame->tolerance_px;
     f->front_over_wanted += frame->front_over_wanted;
@@ -154,6 +156,7 @@ static void json_frames(json *j, const replay_figures *f) {
     json_f64(j, "adapt_mean", mean_of((double)f->adapt, f->frames));
     json_f64(j, "triangles_mean", mean_of((double)f->triangles, f->frames));
     json_u64(j, "triangles_max", f->triangles_max);
+    json_u64(j, "active_nodes_max", f->active_nodes_max);
     json_f64(j, "front_over_wanted", mean_of(f->front_over_wanted, f->frames));
     json_f64(j, "tolerance_px", mean_of(f->tolerance_px, f->frames));
     json_u64(j, "misses", f->misses);
@@ -251,8 +254,13 @@ void figures_json(const replay_figures *f, FILE *out) {
         json_null(&j, "ram_cap_bytes");
     json_u64(&j, "ram_planned_bytes", f->plan.planned_bytes);
     json_u64(&j, "ram_min_bytes", f->plan.ram_min_bytes);
+    json_u64(&j, "ram_base_bytes", f->plan.base_bytes);
+    json_u64(&j, "ram_front_bytes", f->plan.front_bytes);
+    json_u64(&j, "ram_pool_bytes", f->plan.pool_bytes);
+    json_u64(&j, "ram_tables_bytes", f->plan.tables_bytes);
     json_u64(&j, "front_max", f->plan.front_max);
     json_u64(&j, "rss_peak_bytes", f->rss_peak_bytes);
+    json_u64(&j, "major_faults", f->major_faults);
     static const char *const gl_keys[] = {"gl_rss_bytes", "gl_fronts", "gl_sent_bytes"};
     const uint64_t gl_values[] = {f->gl_rss_bytes, f->gl_fronts, f->gl_sent_bytes};
     for (int i = 0; i < 3; i++) {

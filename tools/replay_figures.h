@@ -22,7 +22,7 @@ double spread_quantile(const spread *s, double q); /* 0 when empty */
 
 typedef struct replay_figures {
     uint64_t frames, adapt, misses, refused_front, refused_budget, refused_pool, waits_dependency;
-    uint64_t triangles, triangles_max;
+    uint64_t triangles, triangles_max, active_nodes_max;
     double miss_rate, tolerance_px, front_over_wanted; /* sums over frames */
     spread nav_ms, nav_cpu_ms, error_px, error_inside_px;
 
@@ -41,6 +41,7 @@ typedef struct replay_figures {
     double start_seconds;
     uint64_t settle_frames, foldovers, foldovers_legal, front_hash;
     uint64_t rss_peak_bytes, gl_rss_bytes, allocations_after_seal;
+    uint64_t major_faults; /* in frames: pages that the kernel had to read */
     bool settled, back_at_roots, has_gl, has_foldovers;
     mn_store_kind store;
     mn_plan plan;

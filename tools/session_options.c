@@ -15,6 +15,7 @@ const char session_options_help[] =
     "  --path P          orbit, dive, flyover, or a path file\n"
     "  --ram SIZE        cap of the whole process, such as 16M (also 16MB, 16MiB); default: none\n"
     "  -K N              place holders; min: as few as work\n"
+    "  --front-max N     room for N active nodes; default: what --ram leaves\n"
     "  --store S         paged (default); mapped, by the operating system; resident, all read at "
     "the\n"
     "                    start: to compare, and in both the file itself is beside the cap\n"
@@ -176,6 +177,11 @@ static const char *take(session_options *o, int option, const char *value) {
         return cli_size(value, &o->desc.ram_bytes) ? NULL : "--ram: a size such as 16M or 1.5G";
     case 'K':
         return take_places(o, value) ? NULL : "-K: a number of place holders, or min";
+    case SESSION_FRONT_MAX:
+        if (!cli_u64(value, 1, UINT32_MAX, &count))
+            return "--front-max: a number of active nodes";
+        o->desc.front_max = (uint32_t)count;
+        return NULL;
     case SESSION_STORE:
     case SESSION_DEGRADE:
     case SESSION_IO:

@@ -28,6 +28,7 @@ typedef struct session_options {
 enum session_option {
     SESSION_PATH = 256,
     SESSION_RAM,
+    SESSION_FRONT_MAX,
     SESSION_STORE,
     SESSION_TOLERANCE,
     SESSION_TRIANGLES_MAX,
@@ -58,6 +59,7 @@ enum { SESSION_TIGHTER = 2 }; /* on silhouettes and for the light, when nothing 
 #define SESSION_OPTIONS                                                                            \
     {"path", required_argument, NULL, SESSION_PATH},                                               \
         {"ram", required_argument, NULL, SESSION_RAM},                                             \
+        {"front-max", required_argument, NULL, SESSION_FRONT_MAX},                                 \
         {"store", required_argument, NULL, SESSION_STORE},                                         \
         {"tolerance", required_argument, NULL, SESSION_TOLERANCE},                                 \
         {"triangles-max", required_argument, NULL, SESSION_TRIANGLES_MAX},                         \

@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
-# Goal: bench/cgroup reads and writes the files of cgroups of version 2 as the kernel means them, also
-# where the kernel has version 1.
-# Method: a folder that behaves like one: mkdir in it makes the files of a group, rmdir notes what was
-# written into them and takes them away. The kernel's own, whichever it has, is what tools/check runs.
+# Goal: the plan holds: in a memory cgroup of exactly --ram a navigation whose front is full ends well. And
+# bench/cgroup reads and writes the files of cgroups of version 2 as the kernel means them, also where the
+# kernel has version 1.
+# Method: replay in the kernel's own cgroup, whichever it has, skipped where none can be made. For version 2
+# a folder that behaves like one: mkdir in it makes the files of a group, rmdir notes what was written into
+# them and takes them away.
 # e2e_cgroup.sh [BUILD]
 source "$(dirname "$0")/e2e_lib.sh"
 cd "$scratch"
@@ -69,4 +71,60 @@ check "no peak" grep -q ' unknown ' "$out"
 LACKS=memory.max measured 0 "no memory controller"
 check "it is said" grep -q 'no memory cgroup can be made' "$out"
 check "the sum without groups" grep -q '^all caps held' "$out"
+
+# ---- the kernel's own -----------------------------------------------------------------------------
+
+# shellcheck source=../../bench/groups.sh
+source "$root/bench/groups.sh"
+
+# planned NAME BYTES ARGUMENT…: a dive that wants more than there is room for, in a cgroup of so many bytes.
+planned() {
+    local name=$1 cap=$2 code=0 peak kills
+    shift 2
+    group_make "$cap"
+    run_in_group root "$metanode" replay ground.mnt --path dive --tolerance 0.2 --degrade off \
+        --open settled --frames 120 --fps 240 --ram "$cap" --json "$@" >"$out" 2>"$err" || code=$?
+    peak=$(group_peak) kills=$(group_kills)
+    group_remove
+    holds "$name: exit $code, ${kills:-0} kills" "$code == 0 && ${kills:-0} == 0"
+    [[ $code -eq 0 ]] || return 1
+    holds "$name: $cap bytes planned" "$(figures ram_planned_bytes) <= $cap"
+    holds "$name: the parts of the plan" "$(figures ram_base_bytes ram_front_bytes ram_pool_bytes \
+        ram_tables_bytes | paste -sd+) == $(figures ram_planned_bytes)"
+    [[ $peak == unknown ]] || holds "$name: $peak bytes at the peak" "$peak <= $cap"
+}
+
+# full NAME BYTES ARGUMENT…: one in which the front has no room left.
+full() {
+    planned "$@" || return 1
+    holds "$1: the front was full" \
+        "$(figures refused_front) > 0 && $(figures active_nodes_max) >= 0.9 * $(figures front_max)"
+}
+
+# least_ram ARGUMENT…: what the plan with these takes, as the program says.
+least_ram() {
+    "$metanode" replay ground.mnt --path dive --frames 1 --json "$@" >"$out" 2>"$err"
+    figures ram_min_bytes
+}
+
+in_the_kernels() {
+    if [[ $kind == none ]]; then
+        skip "the kernel's own cgroups: $why"
+        return
+    fi
+    if $sanitized; then
+        skip "the kernel's own cgroups: a sanitizer takes memory of its own"
+        return
+    fi
+    expect 0 ground make terrain --triangles 200000 -o ground.ply
+    expect 0 ground build ground.ply -o ground.mnt --block-bytes 4096
+    full "5 MB" 5242880
+    full "8 MB" 8388608
+    full "8 MB, traced" 8388608 --trace ground.trace
+    full "80 places, 1,600 nodes" "$(least_ram -K 80 --front-max 1600)" -K 80 --front-max 1600
+    full "the same, mapped" "$(least_ram -K 80 --front-max 1600)" -K 80 --front-max 1600 --store mapped
+    planned "40 places, 9,000 nodes" "$(least_ram -K 40 --front-max 9000)" -K 40 --front-max 9000
+    planned "the least" "$(least_ram -K min)" -K min
+}
+part in_the_kernels
 finish

@@ -14,7 +14,8 @@ replay_keys=(frames adapt_mean triangles_mean triangles_max front_over_wanted to
     back_at_roots commands commands_loaded commands_resident commands_given_up commands_failed nav_ms_mean
     nav_ms_p50 nav_ms_p99 nav_ms_max error_px_p50 error_px_p95 error_px_max error_inside_px_p50 error_inside_px_p95 error_inside_px_max reads read_bytes second_chances
     prefetches prefetches_given_up urgent_up urgent_down urgent_down_refused evictions k l block_bytes_max
-    ram_cap_bytes ram_planned_bytes rss_peak_bytes gl_rss_bytes allocations_after_seal store
+    ram_cap_bytes ram_planned_bytes ram_min_bytes ram_base_bytes ram_front_bytes ram_pool_bytes ram_tables_bytes
+    active_nodes_max front_max major_faults rss_peak_bytes gl_rss_bytes allocations_after_seal store
     checksum_failures io_errors start_reads start_seconds opening_frames opening_misses opening_reads opening_seconds nav_lock_waits nav_lock_wait_us_max io_lock_hold_us_max front_hash)
 
 # build_model NAME: NAME-packed.mnt in blocks of 4 KiB, so that there are many, and NAME-levels.mnt.

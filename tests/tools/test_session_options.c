@@ -46,10 +46,11 @@ START_TEST(defaults) {
 END_TEST
 
 START_TEST(all_at_once) {
-    const char *const arguments[] = {"--ram",    "16M",    "a.mnt",        "-K",        "min",
-                                     "--store",  "mapped", "--size=64x48", "--degrade", "off",
-                                     "--io=sim", "--json", "--barrier"};
-    ck_assert_int_eq(parse(13, arguments), MN_OK);
+    const char *const arguments[] = {
+        "--ram",        "16M",       "a.mnt", "-K",       "min",    "--store",   "mapped",
+        "--size=64x48", "--degrade", "off",   "--io=sim", "--json", "--barrier", "--front-max=900"};
+    ck_assert_int_eq(parse(14, arguments), MN_OK);
+    ck_assert_uint_eq(o.desc.front_max, 900);
     ck_assert_uint_eq(o.desc.ram_bytes, 16u << 20);
     ck_assert_int_eq(o.desc.k, MN_K_MIN);
     ck_assert_int_eq(o.desc.store, MN_STORE_MAPPED);
@@ -64,14 +65,33 @@ START_TEST(limits) {
     static const char *const good[][2] = {
         {"--fps", "0"},        {"--nav-ops", "0"},      {"--fov", "170"},
         {"--size", "16384x1"}, {"--tolerance", "0.25"}, {"--frames", "1"},
-        {"-K", "5"},           {"--ram", "1.5G"},       {"--seed", "18446744073709551615"}};
-    static const char *const bad[][2] = {
-        {"--fps", "-1"},        {"--nav-ops", "-1"},   {"--fov", "0"},     {"--fov", "171"},
-        {"--size", "16385x1"},  {"--size", "0x10"},    {"--size", "10"},   {"--size", "10x10x"},
-        {"--size", "10x-1"},    {"--tolerance", "0"},  {"--frames", "0"},  {"-K", "0"},
-        {"-K", "few"},          {"--ram", "0"},        {"--ram", "16Q"},   {"--store", "disk"},
-        {"--io", "aio"},        {"--degrade", "yes"},  {"--seed", "0x10"}, {"--frames", "1e3"},
-        {"--tolerance", "nan"}, {"--fps", "infinity"}, {"--nonsense", "1"}};
+        {"-K", "5"},           {"--ram", "1.5G"},       {"--seed", "18446744073709551615"},
+        {"--front-max", "1"}};
+    static const char *const bad[][2] = {{"--fps", "-1"},
+                                         {"--nav-ops", "-1"},
+                                         {"--fov", "0"},
+                                         {"--fov", "171"},
+                                         {"--size", "16385x1"},
+                                         {"--size", "0x10"},
+                                         {"--size", "10"},
+                                         {"--size", "10x10x"},
+                                         {"--size", "10x-1"},
+                                         {"--tolerance", "0"},
+                                         {"--frames", "0"},
+                                         {"-K", "0"},
+                                         {"-K", "few"},
+                                         {"--ram", "0"},
+                                         {"--ram", "16Q"},
+                                         {"--store", "disk"},
+                                         {"--io", "aio"},
+                                         {"--degrade", "yes"},
+                                         {"--seed", "0x10"},
+                                         {"--frames", "1e3"},
+                                         {"--tolerance", "nan"},
+                                         {"--fps", "infinity"},
+                                         {"--nonsense", "1"},
+                                         {"--front-max", "0"},
+                                         {"--front-max", "4294967296"}};
     for (size_t i = 0; i < sizeof good / sizeof good[0]; i++)
         ck_assert_msg(parse_one(good[i][0], good[i][1]) == MN_OK, "%s %s", good[i][0], good[i][1]);
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)
