@@ -230,7 +230,7 @@ void mni_ahead_scan(mni_ahead *a, mni_front *front) {
     if (!a->look.moves || !(a->look.now.tolerance_px > 0))
         return;
     const part slots = turn(front->slots_high, MNI_AHEAD_TURNS, &a->slot);
-    const part branches = turn(front->branches_high, MNI_AHEAD_UP_TURNS, &a->branch);
+    const part branches = turn(front->slots_high, MNI_AHEAD_UP_TURNS, &a->branch);
     a->near ^= a->slot == 0;
     scan_slots(a, front, slots.from, slots.to);
     scan_branches(a, front, branches.from, branches.to);

@@ -47,7 +47,11 @@ static size_t lay_out(mni_front *f, mni_arena *arena, bool colors) {
     sum += take(arena, &f->forks, slots / 64, sizeof *f->forks);
     sum += take(arena, &f->node_stamp, slots / MN_FRONT_PAGE + 1, sizeof *f->node_stamp);
     sum += take(arena, &f->simplex_stamp, simplices / MN_FRONT_PAGE + 1, sizeof *f->simplex_stamp);
-    return sum;
+    if (arena == NULL)
+        return sum + mni_vacancy_need(f->nodes_max) + mni_vacancy_need((uint32_t)simplices);
+    mni_vacancy_open(&f->slots, f->nodes_max, arena);
+    mni_vacancy_open(&f->simplices, (uint32_t)simplices, arena);
+    return 0;
 }
 
 size_t mni_front_need_bytes(const mn_header *header, uint32_t nodes_max, uint32_t simplices_max) {
@@ -63,66 +67,52 @@ static void fork_clear(mni_front *f, uint32_t branch) {
     f->forks[branch / 64] &= ~(UINT64_C(1) << (branch % 64));
 }
 
+/* Slots and simplices of pages that nobody has been in. */
+static void slots_open(mni_front *f) {
+    const uint32_t high = mni_vacancy_high(&f->slots);
+    for (; f->slots_high < high; f->slots_high++)
+        f->node[f->slots_high].order = f->branch[f->slots_high].slot = MN_NONE;
+}
+
+static void simplices_open(mni_front *f) {
+    const uint32_t high = mni_vacancy_high(&f->simplices);
+    for (; f->simplices_high < high; f->simplices_high++)
+        f->simplex_node[3 * (size_t)f->simplices_high] = MN_NONE;
+}
+
 /* Slot `nobody` and simplex 0, which stand where there is none (ring.c). */
 static void nobody_set(mni_front *f) {
     f->nobody = f->nodes_max;
     f->vectors = mni_ring_has_vectors();
     f->node[f->nobody] =
         (mni_front_node){.above = MN_NONE, .more = MNI_FRONT_SHORT, .witness = MN_NONE};
-    f->simplices_high = 1;
+    const uint32_t none = mni_vacancy_take(&f->simplices, 0);
+    MN_ASSERT(none == 0);
+    simplices_open(f);
     memset(f->simplex_node, 0xff, 3 * sizeof *f->simplex_node);
     memset(f->simplex_leaf, 0, 3 * sizeof *f->simplex_leaf);
 }
 
-static uint32_t slot_new(mni_front *f) {
-    uint32_t slot = f->slot_free;
-    if (slot != MN_NONE) {
-        f->slot_free = f->node[slot].corner[0];
-        __builtin_prefetch(&f->node[f->slot_free], 1);
-        __builtin_prefetch(&f->face[f->slot_free], 1);
-    } else {
-        MN_ASSERT(f->slots_high < f->nodes_max);
-        slot = f->slots_high++;
-    }
+static uint32_t slot_new(mni_front *f, uint32_t near) {
+    MN_ASSERT(f->active < f->nodes_max);
+    const uint32_t slot = mni_vacancy_take(&f->slots, near);
+    if (slot >= f->slots_high)
+        slots_open(f);
     f->active++;
     return slot;
 }
 
 static void slot_free(mni_front *f, uint32_t slot) {
     f->node[slot].order = MN_NONE;
-    f->node[slot].corner[0] = f->slot_free;
-    f->slot_free = slot;
+    mni_vacancy_give(&f->slots, slot);
     f->active--;
 }
 
-static uint32_t branch_new(mni_front *f) {
-    uint32_t b = f->branch_free;
-    if (b != MN_NONE) {
-        f->branch_free = f->branch[b].parent;
-        __builtin_prefetch(&f->branch[f->branch_free], 1);
-    } else {
-        MN_ASSERT(f->branches_high < f->nodes_max);
-        b = f->branches_high++;
-    }
-    return b;
-}
-
-static void branch_free(mni_front *f, uint32_t b) {
-    f->branch[b].slot = MN_NONE;
-    f->branch[b].parent = f->branch_free;
-    f->branch_free = b;
-}
-
-static uint32_t simplex_new(mni_front *f) {
-    uint32_t s = f->simplex_free;
-    if (s != MN_NONE) {
-        f->simplex_free = f->simplex_leaf[3 * (size_t)s];
-        __builtin_prefetch(&f->simplex_leaf[3 * (size_t)f->simplex_free], 1);
-        __builtin_prefetch(&f->simplex_node[3 * (size_t)f->simplex_free], 1);
-    } else {
-        MN_ASSERT(f->simplices_high <= f->simplices_max);
-        s = f->simplices_high++;
-    }
+static uint32_t simplex_new(mni_front *f, uint32_t near) {
+    MN_ASSERT(f->simplices_used < f->simplices_max);
+    const uint32_t s = mni_vacancy_take(&f->simplices, near);
+    if (s >= f->simplices_high)
+        simplices_open(f);
     f->simplices_used++;
     return s;
 }
@@ -130,8 +120,7 @@ static uint32_t simplex_new(mni_front *f) {
 static void simplex_free(mni_front *f, uint32_t s) {
     f->simplex_node[3 * (size_t)s] = MN_NONE;
     f->simplex_stamp[mni_simplex_page(4 * s)] = (uint32_t)f->version;
-    f->simplex_leaf[3 * (size_t)s] = f->simplex_free;
-    f->simplex_free = s;
+    mni_vacancy_give(&f->simplices, s);
     f->simplices_used--;
 }
 
@@ -443,7 +432,8 @@ static bool simplex_prepare(mni_front *f, split_plan *plan, const uint32_t corne
         if (f->node[at].order >= p->order || f->node[at].above <= p->order)
             return false;
     }
-    uint32_t s = simplex_new(f), *node = &f->simplex_node[3 * (size_t)s];
+    const uint32_t kin = plan->chain != 0 ? plan->chain : p->corner[0];
+    uint32_t s = simplex_new(f, kin / 4), *node = &f->simplex_node[3 * (size_t)s];
     memcpy(&f->simplex_leaf[3 * (size_t)s], corner, 3 * sizeof *corner);
     node[2] = at;
     node[1 - right] = plan->slot;
@@ -551,9 +541,10 @@ static void node_set(mni_front *f, uint32_t slot, uint32_t parent, uint32_t abov
     f->node_stamp[slot / MN_FRONT_PAGE] = (uint32_t)f->version;
 }
 
+/* A branch has the number of its right child's slot, which is held as long as it stands. */
 static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_entry home) {
     const mni_front_node *p = &f->node[slot];
-    uint32_t b = branch_new(f);
+    const uint32_t b = right;
     f->branch[b] = (mni_front_branch){.order = f->node[slot].order,
                                       .switch_value = f->switch_value[slot],
                                       .radius = f->radius[slot],
@@ -608,7 +599,7 @@ static uint32_t simplices_link(mni_front *f, const split_plan *plan, uint32_t ri
 
 /* The plan's node, whose record is read, becomes a branch. */
 static uint32_t part(mni_front *f, const split_plan *plan, mni_entry home, const mni_node *record) {
-    uint32_t slot = plan->slot, right = slot_new(f), b = branch_make(f, slot, right, home);
+    uint32_t slot = plan->slot, right = slot_new(f, slot), b = branch_make(f, slot, right, home);
     uint32_t order = f->node[slot].order;
     f->ring_slot = MN_NONE;
     f->node[right].leaf_lo = record->leaf_mid;
@@ -735,8 +726,8 @@ static void join(mni_front *f, uint32_t branch) {
     fork_clear(f, branch);
     if (b->parent != MNI_FRONT_NO_PARENT && children_are_active(&f->branch[b->parent]))
         fork_set(f, b->parent);
+    f->branch[branch].slot = MN_NONE;
     slot_free(f, right);
-    branch_free(f, branch);
 }
 
 void mni_front_unsplit(mni_front *f, uint32_t branch) {
@@ -774,7 +765,7 @@ static mn_code root_open(mni_front *f, uint32_t r, uint32_t leaf_lo, mn_status *
     if (subtree.leaf_lo != leaf_lo)
         return mn_fail(st, MN_BAD_INPUT, "root %u: not where the forest needs it; rebuild the file",
                        r);
-    uint32_t slot = slot_new(f);
+    uint32_t slot = slot_new(f, r > 0 ? r - 1 : 0);
     MN_ASSERT(slot == r); /* mni_front_find and mni_front_entry count on it */
     f->node[slot].leaf_lo = subtree.leaf_lo;
     f->node[slot].leaf_hi = subtree.leaf_hi;
@@ -795,10 +786,7 @@ mn_code mni_front_open(mni_front *f, mni_store *store, const mn_header *header, 
                      .header = header,
                      .nodes_max = nodes_max,
                      .simplices_max = simplices_max,
-                     .slot_free = MN_NONE,
-                     .branch_free = MN_NONE,
-                     .chunk_free = MN_NONE,
-                     .simplex_free = MN_NONE};
+                     .chunk_free = MN_NONE};
     f->limits = mni_block_limits_of(header);
     f->ring_slot = MN_NONE;
     MN_ASSERT(nodes_max >= header->roots && nodes_max < MNI_FRONT_NODES_MAX);

@@ -13,6 +13,7 @@
 
 #include "block.h"
 #include "store.h"
+#include "vacancy.h"
 #include "wanted.h"
 
 enum {
@@ -53,7 +54,7 @@ typedef struct mni_front_node {
     uint32_t order; /* order id; MN_NONE: nobody is in the slot */
     uint32_t above; /* order id of its parent; MN_NONE: a root */
     uint32_t leaf_lo, leaf_hi;
-    uint32_t corner[MNI_FRONT_CORNERS]; /* of simplices, then 0; free: [0] next free slot */
+    uint32_t corner[MNI_FRONT_CORNERS]; /* of simplices, then 0 */
     uint32_t more;                      /* first chunk of further corners, or MNI_FRONT_SHORT … */
     uint32_t parent : 29;               /* branch */
     uint32_t flags : 3;
@@ -82,7 +83,7 @@ typedef struct mni_front_branch {
     float switch_value, radius;
     mni_front_face face;
     uint32_t child[2];    /* slots or, with MNI_FRONT_BRANCH, branches */
-    uint32_t parent;      /* branch, or MNI_FRONT_NO_PARENT; free: next free branch */
+    uint32_t parent;      /* branch, or MNI_FRONT_NO_PARENT */
     uint32_t home;        /* entry of the block with its record: where its children count */
     uint32_t slot;        /* that it had, and its leftmost descendant has; MN_NONE: free */
     uint32_t exit : 1;    /* MNI_NODE_EXIT */
@@ -131,15 +132,15 @@ typedef struct mni_front {
     /* 3 × simplices; corner k of simplex s is 4 s + k. Simplex 0 is none: its corners are MN_NONE
      */
     uint32_t *simplex_node; /* slots; [3s] MN_NONE: free */
-    uint32_t *simplex_leaf; /* leaf ids; free: [3s] next free one */
+    uint32_t *simplex_leaf; /* leaf ids */
     uint64_t *forks;        /* a bit a branch: both children are active */
     uint32_t *node_stamp; /* a page of MN_FRONT_PAGE slots: low bits of version, last written at */
     uint32_t *simplex_stamp; /* likewise of simplices, from simplex 1 on */
 
-    uint32_t slots_high, slot_free; /* high: never used from here on */
-    uint32_t branches_high, branch_free;
+    mni_vacancy slots, simplices;
+    uint32_t slots_high, simplices_high; /* never used from here on; of branches as of slots */
     uint32_t chunks_high, chunk_free;
-    uint32_t simplices_high, simplex_free, simplices_used;
+    uint32_t simplices_used;
     uint32_t active, triangles;
     uint64_t version;            /* rises with every split and collapse that stays */
     uint64_t descents;           /* third corners not found among the neighbours looked through */

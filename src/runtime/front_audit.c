@@ -192,7 +192,7 @@ static void check_branch(const mni_front *f, uint32_t branch) {
     const mni_front_branch *b = &f->branch[branch];
     uint32_t left = check_child(f, branch, b->child[0]),
              right = check_child(f, branch, b->child[1]);
-    MN_ASSERT(left == b->slot && right != left && mni_front_is_active(f, right));
+    MN_ASSERT(left == b->slot && right == branch && mni_front_is_active(f, right));
     MN_ASSERT(f->node[left].leaf_lo < f->node[right].leaf_lo);
     MN_ASSERT(mni_front_is_fork(f, branch) ==
               (((b->child[0] | b->child[1]) & MNI_FRONT_BRANCH) == 0));
@@ -201,13 +201,14 @@ static void check_branch(const mni_front *f, uint32_t branch) {
 void mni_front_check(const mni_front *f) {
     uint64_t corners = 0, killed = 0, active = 0, expanded = 0, leaves = 0;
     for (uint32_t slot = 0; slot < f->slots_high; slot++) {
+        MN_ASSERT(mni_front_is_active(f, slot) != mni_vacancy_is_free(&f->slots, slot));
         if (!mni_front_is_active(f, slot))
             continue;
         corners += check_slot(f, slot);
         leaves += f->node[slot].leaf_hi - f->node[slot].leaf_lo;
         active++;
     }
-    for (uint32_t b = 0; b < f->branches_high; b++) {
+    for (uint32_t b = 0; b < f->slots_high; b++) {
         if (!mni_front_is_branch(f, b)) {
             MN_ASSERT(!mni_front_is_fork(f, b));
             continue;
@@ -219,12 +220,15 @@ void mni_front_check(const mni_front *f) {
     uint64_t simplices = 0, triangles = 0;
     for (uint32_t s = 0; s < f->simplices_high; s++) {
         const uint32_t *node = &f->simplex_node[3 * (size_t)s];
+        MN_ASSERT(s == 0 || (node[0] == MN_NONE) == mni_vacancy_is_free(&f->simplices, s));
         if (node[0] == MN_NONE)
             continue;
         check_simplex(f, s);
         simplices++;
         triangles += node[2] != MN_NONE;
     }
+    mni_vacancy_check(&f->slots, f->active);
+    mni_vacancy_check(&f->simplices, 1 + f->simplices_used); /* and simplex 0 */
     MN_ASSERT(active == f->active && active == expanded + f->header->roots);
     MN_ASSERT(leaves == f->header->leaves); /* found by their first leaf, so they cover all once */
     MN_ASSERT(simplices == f->simplices_used && triangles == f->triangles);

@@ -115,7 +115,7 @@ static void collapse_agenda(mni_navigator *nav, uint32_t *tests) {
     uint32_t fork[MNI_SIEVE_BATCH];
     int count = 0;
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t word = 0; 64 * word < front->branches_high; word++)
+    for (uint32_t word = 0; 64 * word < front->slots_high; word++)
         for (uint64_t bits = front->forks[word]; bits != 0; bits &= bits - 1) {
             uint32_t at = 64 * word + (uint32_t)__builtin_ctzll(bits);
             fork[count] = at;
@@ -524,7 +524,8 @@ static bool is_refused_still(const mni_navigator *nav, uint32_t slot) {
     const mni_refusal *refusal = &nav->refusal[slot];
     if (refusal->block_id == 0)
         return !nav->again;
-    bool lenient = nav->lenient || (nav->moved && slot % MNI_TURNS == nav->turn);
+    bool lenient =
+        nav->lenient || (nav->moved && nav->front.node[slot].order % MNI_TURNS == nav->turn);
     return !mni_store_allows(nav->front.store, refusal, lenient);
 }
 
@@ -712,7 +713,7 @@ static void clock_advance(mni_navigator *nav, double motion) {
         return;
     }
     nav->clock = 0;
-    for (uint32_t i = 0; i < nav->front.branches_high; i++)
+    for (uint32_t i = 0; i < nav->front.slots_high; i++)
         nav->fork_due[i] = LOOK;
     for (uint32_t i = 0; i < nav->front.slots_high; i++)
         nav->slot_due[i] = LOOK;
@@ -758,7 +759,7 @@ void mni_navigator_check(mni_navigator *nav) {
     mni_front *front = &nav->front;
     mni_front_check(front);
     mni_waiting_check(&nav->waiting);
-    for (uint32_t b = 0; b < front->branches_high; b++) {
+    for (uint32_t b = 0; b < front->slots_high; b++) {
         bool waiting = mni_waiting_has(&nav->waiting, b);
         if (!mni_front_is_fork(front, b)) {
             MN_ASSERT(!waiting);
@@ -797,7 +798,7 @@ double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
 
 double mni_navigator_front_over_wanted(const mni_navigator *nav) {
     uint64_t nodes = 0;
-    for (uint32_t b = 0; b < nav->front.branches_high; b++) {
+    for (uint32_t b = 0; b < nav->front.slots_high; b++) {
         if (!mni_front_is_branch(&nav->front, b))
             continue;
         mni_bounds bounds = mni_front_branch_bounds(&nav->front, b);

@@ -138,7 +138,7 @@ static void split(rig *r, uint32_t slot) {
 
 /* A branch at random, fork or not. MNI_FRONT_NO_PARENT: there is none. */
 static uint32_t random_branch(const rig *r) {
-    uint32_t high = r->front.branches_high;
+    uint32_t high = r->front.slots_high;
     return high > 0 ? (uint32_t)(model_random() % high) : MNI_FRONT_NO_PARENT;
 }
 
@@ -164,7 +164,7 @@ static void refine_fully(rig *r) {
 static void coarsen_fully(rig *r) {
     for (bool any = true; any;) {
         any = false;
-        for (uint32_t b = 0; b < r->front.branches_high; b++)
+        for (uint32_t b = 0; b < r->front.slots_high; b++)
             if (can_collapse(r, b)) {
                 ck_assert_int_eq(mni_front_collapse(&r->front, b), MNI_DONE);
                 any = true;

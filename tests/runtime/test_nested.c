@@ -81,7 +81,9 @@ START_TEST(parents_first) {
     const mni_front *f = &r.nav.front;
     for (int camera = 0; camera < CAMERAS; camera++) {
         mni_lens lens = random_lens(&r);
-        for (uint32_t b = 0; b < f->branches_high; b++) {
+        for (uint32_t b = 0; b < f->slots_high; b++) {
+            if (!mni_front_is_branch(f, b))
+                continue;
             mni_bounds node = mni_front_branch_bounds(f, b);
             bool wants = mni_lens_wants(&lens, &node);
             wanted += wants;
