@@ -1,6 +1,6 @@
 # Memory cgroups of both versions, for the scripts of this folder; sourced by them. Sets kind (v1, v2,
 # none: none can be made here, and why). group_make BYTES, run_in_group USER COMMAND…, group_peak,
-# group_kills, group_remove: one group at a time.
+# group_kills, group_cache, group_remove: one group at a time.
 # shellcheck shell=bash
 # The kernel's two kinds of cgroups: where a group is made, and what its files are called.
 kind=none why='not root, or no memory controller that can be written'
@@ -48,6 +48,10 @@ group_kills() {
     else
         sed -n 's/^oom_kill //p' "$group/memory.events"
     fi
+}
+
+group_cache() { # bytes of files that it holds
+    sed -nE 's/^(cache|file) //p' "$group/memory.stat" | head -1
 }
 
 run_in_group() { # user command…: joins the group, then becomes the user
