@@ -42,9 +42,11 @@ static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, 
     s->part.slack = cell->desc.slack;
     s->part.rings = cell->desc.rings;
     s->part.closed = malloc(vertices * sizeof *s->part.closed);
+    s->part.ring = malloc(vertices * sizeof *s->part.ring);
     s->part.key = calloc(vertices, sizeof *s->part.key);
     s->part.id = malloc(vertices * sizeof *s->part.id);
-    if (cell->node == NULL || s->part.closed == NULL || s->part.id == NULL || s->part.key == NULL)
+    if (cell->node == NULL || s->part.closed == NULL || s->part.ring == NULL ||
+        s->part.id == NULL || s->part.key == NULL)
         return no_memory(vertices, st);
     return MN_OK;
 }
@@ -55,6 +57,7 @@ static void place_vertex(mni_cell *cell, uint32_t v, uint32_t id, const float p[
     cell->s.surface.vertex[v] =
         (mni_vertex){.p = {p[0], p[1], p[2]}, .set = MN_NONE, .node = v < cell->own ? v : MN_NONE};
     cell->s.part.closed[v] = v < cell->own ? MNI_HEAP_KEY_NONE : 0;
+    cell->s.part.ring[v] = INFINITY;
     cell->s.part.id[v] = id;
 }
 
@@ -672,7 +675,7 @@ enum { SMALL_BYTES = 192 << 10 }; /* scratch, and what is lost in pages that are
  * what is told of collapses, and killed simplices. */
 static uint64_t peak_bytes(uint64_t vertices, uint64_t simplices, uint64_t sets, uint64_t read) {
     uint64_t a_vertex =
-        sizeof(mni_vertex) + sizeof(mni_cell_node) + 16 /* part */ + 8 /* seen */ + 16 /* pool */;
+        sizeof(mni_vertex) + sizeof(mni_cell_node) + 20 /* part */ + 8 /* seen */ + 16 /* pool */;
     uint64_t a_simplex = sizeof(mni_simplex) + 12 /* origin */ + 16 /* pool */ + 12 /* normal */;
     uint64_t made =
         vertices * (20 + sizeof(mni_cell_collapse) + 8 /* places */) + simplices * 12 /* killed */;

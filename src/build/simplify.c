@@ -24,6 +24,7 @@
 #include "freeze.h"
 #include "rounds.h"
 #include "unit.h"
+#include "wait.h"
 
 /* What k's own candidates cost rises with its quadric, but for rounding: so much below the old
  * bound is a bound still. */
@@ -37,13 +38,6 @@
  * all that is collapsed around them later must be split for their sake. So the error is measured
  * before the collapse, and counts. By trial: docs/error.md. */
 static const double MEASURED_SHARE = 0.22;
-
-/* By trial, in cells of 8,192 vertices, on a scan of 134,345 and a globe of 145,262. Vertices that
- * go on to a later round, all rounds counted, in parts of all, and how much farther from the
- * original half of the triangles are than when all is simplified at once: 2: 0.59 and 0.77, 0.8 %
- * and 0.7 %      4: 0.47 and 0.52, 1.2 % and 1.8 % 3: 0.50 and 0.56, 1.3 % and 1.4 %      rings not
- * closed: 2.5 to 3 % */
-static const float RING_SLACK = 3;
 
 /* By this factor a collapse into a hub may cost more than its place in the order says. */
 #define HUB_RISE 1.0625f
@@ -506,16 +500,16 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     mni_judge *j = &s->judge;
     mni_vertex *vertex = s->surface.vertex;
     bool checked = order_is_checked(s, r, k);
+    mni_heap_key key = mni_heap_key_of(&s->heap, r);
     mni_witness_fetch_more(&s->witness, &s->surface, r);
     mni_witness_fetch_more(&s->witness, &s->surface, k);
     if (checked)
-        check_order(s, r, mni_heap_key_of(&s->heap, r));
+        check_order(s, r, key);
     if (checked || s->stage == 3) /* otherwise the ring is still that of the legality test */
         mni_judge_look(j, &s->surface, r, k);
     if (!(j->round ? mni_surface_collapse_round(&s->surface, &j->wheel, r, k, s->made.count)
                    : mni_surface_collapse(&s->surface, r, k, s->made.count)))
         return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
-    float cost = mni_heap_key_cost(mni_heap_key_of(&s->heap, r));
     mni_heap_remove(&s->heap, r);
     if (s->desc.metric == MN_METRIC_QEM) {
         mni_quadric_add(&vertex[k], &vertex[r]);
@@ -527,13 +521,16 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
         if (n != k) {
             touch(s, n, r, k);
             lower_floor(s, k, n);
+            mni_wait_meets(&s->part, n, k);
         }
     }
     vertex[r].hub = false;
+    if (s->part.closed != NULL)
+        s->part.ring[k] = INFINITY;
     wake_kept(s, k);
     if (s->heap.count > 0)
         mni_surface_fetch_neighbours(&s->surface, mni_heap_top(&s->heap));
-    return mni_simplify_record(s, r, k, cost);
+    return mni_simplify_record(s, r, k, mni_heap_key_cost(key));
 }
 
 /* The collapses are all over the mesh, so whatever comes to the top has to be fetched. While one is
@@ -550,30 +547,6 @@ static void look_ahead(const mni_simplifier *s) {
     }
     mni_surface_fetch_simplices(surface, heap->item[second].vertex);
     mni_surface_fetch_vertex(surface, mni_heap_key_kept(heap->item[second].key));
-}
-
-/* A vertex takes part in nothing that costs so much, or more. 0 is for vertices of other cells. */
-static void close_vertex(mni_simplifier *s, uint32_t v, float cost, uint32_t kept) {
-    mni_heap_key key = mni_heap_key_make(cost, kept);
-    key = key > 0 ? key : 1;
-    if (key < s->part.closed[v])
-        s->part.closed[v] = key;
-}
-
-/* What is put off will change the rings of both: they wait too, with what would cost much more. */
-static void close_ring(mni_simplifier *s, uint32_t v, float cost) {
-    uint32_t count;
-    if (s->surface.vertex[v].hub) { /* most of its ring is that of the last time */
-        mni_hub *h = mni_hubs_of(&s->hubs, v);
-        if (cost >= h->closed / 2)
-            return;
-        h->closed = cost;
-    }
-    const uint32_t *fan = mni_surface_fan(&s->surface, v, &count);
-    for (uint32_t i = 0; i < count; i++)
-        for (int c = 0; c < 3; c++)
-            if (s->surface.simplex[fan[i]].v[c] != MN_NONE)
-                close_vertex(s, s->surface.simplex[fan[i]].v[c], cost, 0);
 }
 
 /* Whether r → k may be legal, though an end may be at the border. All is asked of r's own ring and
@@ -593,18 +566,10 @@ static bool put_off(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key)
     const mni_heap_key *closed = s->part.closed;
     if (closed != NULL && closed[k] > 0 && s->surface.vertex[k].hub && !mni_freeze_sees(s, r, k))
         return true;
-    if (closed == NULL || (closed[r] > key && closed[k] > key))
+    if (closed == NULL || !mni_wait_closed(&s->part, r, k, key))
         return false;
-    bool here = closed[r] > 0;
-    float cost = mni_heap_key_cost(key) * s->part.slack;
-    if (s->part.slack < INFINITY && may_be_allowed(s, r, k)) {
-        close_vertex(s, r, cost, mni_heap_key_kept(key));
-        close_vertex(s, k, cost, mni_heap_key_kept(key));
-        if (here && s->part.rings) {
-            close_ring(s, r, RING_SLACK * cost);
-            close_ring(s, k, RING_SLACK * cost);
-        }
-    }
+    if (mni_wait_would_close(&s->part, r, k, key) && may_be_allowed(s, r, k))
+        mni_wait_close(s, r, k, key);
     return true;
 }
 
@@ -759,6 +724,7 @@ void mni_simplify_close(mni_simplifier *s) {
     free(s->made.key);
     free(s->leaf_bounds);
     free(s->part.closed);
+    free(s->part.ring);
     free(s->part.key);
     free(s->part.id);
 }

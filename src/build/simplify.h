@@ -76,6 +76,7 @@ typedef struct mni_part {
      * is put off, both its ends close at its key: so nothing goes before a cheaper one beside it.
      */
     mni_heap_key *closed;
+    float *ring;  /* a vertex: all of its ring is closed from this cost on; INFINITY: it is not */
     float *key;   /* a vertex's node's: the largest cost of the collapses that it has waited for */
     float slack;  /* by which factor a collapse may cost more than one beside it that is put off */
     bool rings;   /* what is put off makes the rings of its ends wait as well */
