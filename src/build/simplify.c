@@ -65,41 +65,63 @@ static mni_heap_key key_of(const mni_simplifier *s, uint32_t r, uint32_t k) {
     return mni_heap_key_make(mni_collapse_cost(&vertex[r], &vertex[k], s->desc.metric), k);
 }
 
-/* The lesser of best and r's key for k, if that is not below `from`. */
-static mni_heap_key better(const mni_simplifier *s, mni_heap_key best, uint32_t r, uint32_t k,
-                           mni_heap_key from) {
-    mni_heap_key key = key_of(s, r, k);
-    key = key < from ? MNI_HEAP_KEY_NONE : key;
-    return key < best ? key : best;
+/* Candidates of a vertex: the least of all, and the least that is to be offered, which is not below
+ * `from` and, where there is a part, not idle (wait.h). MNI_HEAP_KEY_NONE: there is none. */
+typedef struct choice {
+    uint32_t r;
+    const mni_part *part;
+    mni_heap_key from, least, best;
+} choice;
+
+static inline void consider(const mni_simplifier *s, choice *c, uint32_t k) {
+    mni_heap_key key = key_of(s, c->r, k);
+    c->least = key < c->least ? key : c->least;
+    key = key < c->from ? MNI_HEAP_KEY_NONE : key;
+    if (key < c->best && (c->part == NULL || !mni_wait_is_idle(c->part, c->r, k, key)))
+        c->best = key;
 }
 
-static mni_heap_key best_candidate_slow(mni_simplifier *s, uint32_t r, mni_heap_key from) {
-    uint32_t count;
+static void consider_slow(mni_simplifier *s, choice *of) {
+    uint32_t count, r = of->r;
     const uint32_t *fan = mni_surface_fan(&s->surface, r, &count);
-    mni_heap_key best = MNI_HEAP_KEY_NONE;
     for (uint32_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
             uint32_t k = s->surface.simplex[fan[i]].v[c];
             if (k != r && k != MN_NONE)
-                best = better(s, best, r, k, from);
+                consider(s, of, k);
         }
-    return best;
 }
 
-/* The cheapest candidate of r that is not below `from`; MNI_HEAP_KEY_NONE: there is none. */
-static mni_heap_key best_candidate(mni_simplifier *s, uint32_t r, mni_heap_key from) {
+static void consider_all(mni_simplifier *s, choice *c) {
     mni_wheel wheel;
-    mni_heap_key best = MNI_HEAP_KEY_NONE;
-    if (!mni_surface_wheel(&s->surface, r, &wheel))
-        return best_candidate_slow(s, r, from);
+    c->least = c->best = MNI_HEAP_KEY_NONE;
+    if (!mni_surface_wheel(&s->surface, c->r, &wheel)) {
+        consider_slow(s, c);
+        return;
+    }
     for (uint32_t i = 0; i < wheel.count; i++)
         __builtin_prefetch(&s->surface.vertex[wheel.next[i]]);
     for (uint32_t i = 0; i < wheel.count; i++)
-        best = better(s, best, r, wheel.next[i], from);
+        consider(s, c, wheel.next[i]);
     for (uint32_t i = 0; i < wheel.count; i++) /* at boundaries alone something is left */
         if (mni_wheel_find(wheel.next, wheel.count, wheel.previous[i]) == MNI_WHEEL_MAX)
-            best = better(s, best, r, wheel.previous[i], from);
-    return best;
+            consider(s, c, wheel.previous[i]);
+}
+
+/* The cheapest candidate of r that is not below `from`. */
+static mni_heap_key best_candidate(mni_simplifier *s, uint32_t r, mni_heap_key from) {
+    choice c = {.r = r, .from = from};
+    consider_all(s, &c);
+    return c.best;
+}
+
+/* The same, of those that are to be offered. */
+static choice choose_offer(mni_simplifier *s, uint32_t r, mni_heap_key from) {
+    const mni_part *p = &s->part;
+    bool waits = p->closed != NULL && p->closed[r] < MNI_HEAP_KEY_NONE;
+    choice c = {.r = r, .from = from, .part = waits ? p : NULL};
+    consider_all(s, &c);
+    return c;
 }
 
 /* ---- hubs ---- */
@@ -231,15 +253,15 @@ static void offer(mni_simplifier *s, uint32_t r) {
         offer_hub(s, r);
         return;
     }
-    mni_heap_key best = best_candidate(s, r, 0);
+    choice c = choose_offer(s, r, 0);
     v->stale = v->measured = false;
-    v->tried = best == MNI_HEAP_KEY_NONE;
-    if (v->tried) {
+    v->tried = c.best == MNI_HEAP_KEY_NONE || c.least < c.best;
+    if (c.least < MNI_HEAP_KEY_NONE)
+        v->floor = c.least;
+    if (c.best < MNI_HEAP_KEY_NONE)
+        mni_heap_set(&s->heap, r, c.best);
+    else
         mni_heap_remove(&s->heap, r);
-        return;
-    }
-    v->floor = best;
-    mni_heap_set(&s->heap, r, best);
 }
 
 /* Nobody else has a candidate. Hubs around which something has changed look once more: once a
@@ -272,7 +294,7 @@ static void offer_next(mni_simplifier *s, uint32_t r) {
         offer_next_of_hub(s, r);
         return;
     }
-    mni_heap_key best = best_candidate(s, r, mni_heap_key_of(&s->heap, r) + 1);
+    mni_heap_key best = choose_offer(s, r, mni_heap_key_of(&s->heap, r) + 1).best;
     s->surface.vertex[r].tried = true;
     if (best == MNI_HEAP_KEY_NONE)
         mni_heap_remove(&s->heap, r);
@@ -521,12 +543,13 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
         if (n != k) {
             touch(s, n, r, k);
             lower_floor(s, k, n);
-            mni_wait_meets(&s->part, n, k);
+            if (s->part.closed != NULL) {
+                mni_wait_meet(&s->part, n, k);
+                mni_wait_meet(&s->part, k, n);
+            }
         }
     }
     vertex[r].hub = false;
-    if (s->part.closed != NULL)
-        s->part.ring[k] = INFINITY;
     wake_kept(s, k);
     if (s->heap.count > 0)
         mni_surface_fetch_neighbours(&s->surface, mni_heap_top(&s->heap));

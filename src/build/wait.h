@@ -1,11 +1,10 @@
 /* What waits in a part of the surface (mni_part). A collapse that would come next but for a closed
  * end is put off: it closes both its ends from its own cost on, and their rings from a few times as
- * much on, so that nothing goes before a cheaper one beside it.
+ * much on, so that nothing goes before a cheaper one beside it. Who comes into such a ring later
+ * waits as well. So what is closed stays so, and a candidate that is put off and closes nothing, as
+ * four in five do, will never do anything while it is one: it is *idle*, and not offered.
  *
- * All that is left of a cell is put off in the end, candidate by candidate, and most of it, four in
- * five, comes too late to close anything: so that is asked first, and whether it is legal only
- * where it matters. One thread; no memory of its own.
- */
+ * One thread; no memory of its own. */
 #ifndef MNI_WAIT_H
 #define MNI_WAIT_H
 
@@ -46,10 +45,16 @@ static inline bool mni_wait_would_close(const mni_part *p, uint32_t r, uint32_t 
 
 /* r → k is put off, and may be legal. */
 void mni_wait_close(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key);
-/* k has come into v's ring: if that waits, and k does not so far, it waits no more. */
-static inline void mni_wait_meets(mni_part *p, uint32_t v, uint32_t k) {
-    if (p->closed != NULL && p->closed[k] > mni_wait_key(p->ring[v], 0))
-        p->ring[v] = INFINITY;
+/* Whether r → k would be put off and close nothing. */
+static inline bool mni_wait_is_idle(const mni_part *p, uint32_t r, uint32_t k, mni_heap_key key) {
+    return mni_wait_closed(p, r, k, key) && !mni_wait_would_close(p, r, k, key);
+}
+
+/* n has come into v's ring, which may wait. */
+static inline void mni_wait_meet(mni_part *p, uint32_t v, uint32_t n) {
+    mni_heap_key from = mni_wait_key(p->ring[v], 0);
+    if (p->ring[v] < INFINITY && from < p->closed[n])
+        p->closed[n] = from;
 }
 
 #endif
