@@ -185,8 +185,7 @@ static void holder(chrome *c, flow *f, const mn_trace_event *e) {
         read_edge(c, f, e, true);
     } else if (from == MN_TRACE_LOADING) {
         read_edge(c, f, e, false);
-    } else if (from == MN_TRACE_FREED && to == MN_TRACE_LOADED &&
-               (e->aux & MN_TRACE_REHEARSED) == 0) {
+    } else if (from == MN_TRACE_FREED && to == MN_TRACE_LOADED) {
         instant(c, e, "second chance");
     }
 }
@@ -276,7 +275,7 @@ static void event(chrome *c, const mn_trace_event *e) {
         phase_begin(c, e);
         break;
     case MN_TRACE_COUNT:
-        c->count[e->aux & (MN_TRACE_REHEARSED - 1)] = trace_value(e);
+        c->count[e->aux & (MN_TRACE_EARLY - 1)] = trace_value(e);
         break;
     case MN_TRACE_LOCK_WAIT:
         lock_wait(c, e);

@@ -99,8 +99,7 @@ static void holder(trace_report *r, report_block *b, const mn_trace_event *e) {
     const mn_trace_place from = trace_place_from(e), to = trace_place_to(e);
     r->places[from]--;
     r->places[to]++;
-    r->second_chances +=
-        from == MN_TRACE_FREED && to == MN_TRACE_LOADED && (e->aux & MN_TRACE_REHEARSED) == 0;
+    r->second_chances += from == MN_TRACE_FREED && to == MN_TRACE_LOADED;
     if (to != MN_TRACE_LOADING)
         return;
     r->reads++;
@@ -263,7 +262,7 @@ static void frame_end(trace_report *r, const mn_trace_event *e) {
 static void count(trace_report *r, const mn_trace_event *e) {
     const uint64_t value = trace_value(e);
     report_period *period = period_now(r);
-    switch ((mn_trace_counter)(e->aux & (MN_TRACE_REHEARSED - 1))) {
+    switch ((mn_trace_counter)(e->aux & (MN_TRACE_EARLY - 1))) {
     case MN_TRACE_N_SPLITS:
         r->moves_differ += r->in_run && value != r->frame_splits;
         break;
@@ -340,7 +339,7 @@ static void event(trace_report *r, const mn_trace_event *e) {
         r->refused_urgent += e->aux;
         break;
     case MN_TRACE_PREFETCH_USED:
-        r->prefetches_used += (e->aux & MN_TRACE_REHEARSED) == 0;
+        r->prefetches_used++;
         break;
     case MN_TRACE_ARRIVED:
         r->io_errors += e->aux;

@@ -48,7 +48,7 @@ const char *const trace_counter_names[MN_TRACE_COUNTERS] = {
     [MN_TRACE_N_COMMANDS] = "commands_open",
 };
 const char *const trace_phase_names[MN_TRACE_PHASES] = {"collapses", "splits", "foresight",
-                                                        "rehearsals", "store"};
+                                                        "early splits", "store"};
 const char *const trace_round_names[MN_TRACE_ROUNDS] = {"frame", "round", "opening", "settling"};
 const char *const trace_thread_names[MN_TRACE_THREADS] = {"navigate", "io"};
 static const char *const commands[] = {"prefetch", "urgent_up", "urgent_down", "?"};
@@ -63,7 +63,7 @@ const char *trace_kind_name(const mn_trace_event *event) {
 
 const char *trace_aux_name(const mn_trace_event *event) {
     static char text[40];
-    const uint32_t aux = event->aux & (MN_TRACE_REHEARSED - 1);
+    const uint32_t aux = event->aux & (MN_TRACE_EARLY - 1);
     switch ((mn_trace_kind)event->kind) {
     case MN_TRACE_FRAME_BEGIN:
     case MN_TRACE_FRAME_END:
@@ -87,7 +87,7 @@ const char *trace_aux_name(const mn_trace_event *event) {
         return text;
     case MN_TRACE_HOLDER:
         snprintf(text, sizeof text, "%s:%s%s", states[aux & 7], states[aux >> 3 & 7],
-                 (event->aux & MN_TRACE_REHEARSED) != 0 ? ":rehearsed" : "");
+                 (event->aux & MN_TRACE_EARLY) != 0 ? ":early" : "");
         return text;
     case MN_TRACE_LOST:
         snprintf(text, sizeof text, "%s%s", states[aux & 7], (aux & 8) != 0 ? ":unused" : "");

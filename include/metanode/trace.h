@@ -49,7 +49,7 @@ typedef enum mn_trace_kind {
     MN_TRACE_LOCK_WAIT,     /* over; aux: mn_trace_lock; a: ns; b: more than 4 s */
     MN_TRACE_KINDS
 } mn_trace_kind;
-enum { MN_TRACE_REHEARSED = 0x80 }; /* in aux: as part of a rehearsal, to be undone */
+enum { MN_TRACE_EARLY = 0x80 }; /* in aux: for what is wanted in a moment, and not yet */
 
 typedef enum mn_trace_round {
     MN_TRACE_FRAME = 0, /* of the run */
@@ -63,7 +63,7 @@ typedef enum mn_trace_phase {
     MN_TRACE_COLLAPSES = 0,
     MN_TRACE_SPLITS,
     MN_TRACE_FORESIGHT,
-    MN_TRACE_REHEARSALS,
+    MN_TRACE_EARLY_SPLITS,
     MN_TRACE_STORE, /* the store's end of a frame: grants, references, commands */
     MN_TRACE_PHASES
 } mn_trace_phase;

@@ -109,11 +109,10 @@ static __attribute__((noinline)) void put_slow(mni_trace_ring *ring, uint64_t wh
 
 void mni_trace_put(mn_trace_kind kind, uint32_t aux, uint32_t a, uint32_t b) {
     mni_trace_ring *ring = mni_trace_mine;
-    if (ring->rehearses) {
-        if (kind == MN_TRACE_ABSENT || kind == MN_TRACE_REFUSED || kind == MN_TRACE_USE ||
-            kind == MN_TRACE_LEAVE)
+    if (ring->early && kind != MN_TRACE_PHASE) {
+        if (kind == MN_TRACE_ABSENT || kind == MN_TRACE_REFUSED)
             return;
-        aux |= MN_TRACE_REHEARSED;
+        aux |= MN_TRACE_EARLY;
     }
     if (kind == MN_TRACE_ABSENT)
         ring->absent = a;

@@ -36,7 +36,7 @@ typedef struct mni_trace_ring {
     uint64_t tail_seen; /* the tail is at least there */
     uint64_t ns;        /* of the last event whose time was taken */
     uint32_t absent;    /* block of the last MN_TRACE_ABSENT */
-    bool rehearses;
+    bool early;
     _Alignas(64) _Atomic uint64_t head; /* producer releases, consumer acquires */
     _Atomic uint64_t dropped;           /* likewise */
     _Alignas(64) _Atomic uint64_t tail; /* consumer releases, producer acquires */
@@ -88,10 +88,11 @@ static inline void mni_trace_lacks(uint32_t block_id) {
         mni_trace_mine->absent = block_id;
 }
 
-/* Until rehearsals end, what is asked for leaves no trace, and what is done for it is marked. */
-static inline void mni_trace_rehearse(bool rehearses) {
+/* Until it ends, what is done is for what will be wanted in a moment only, and is marked; what is
+ * absent or refused leaves no trace. */
+static inline void mni_trace_early(bool early) {
     if (mni_trace_on())
-        mni_trace_mine->rehearses = rehearses;
+        mni_trace_mine->early = early;
 }
 
 /* The ring becomes the calling thread's (NULL: none is); returns what it had before, which is to be

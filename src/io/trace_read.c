@@ -59,7 +59,7 @@ static mn_code read_at(const mn_trace_file *file, uint64_t at, void *bytes, size
         file->name);
 }
 
-/* For aux_end: of kinds that may be marked as part of a rehearsal; aux: without the mark. */
+/* For aux_end: of kinds that may be marked as early; aux: without the mark. */
 static uint32_t aux_end_marked(uint32_t kind, uint32_t aux) {
     switch ((mn_trace_kind)kind) {
     case MN_TRACE_MISS:
@@ -86,7 +86,7 @@ static uint32_t aux_end_marked(uint32_t kind, uint32_t aux) {
 }
 
 /* One more than the largest value that may stand in aux; 0: none may. *value: what does. Only what
- * a rehearsal does is marked as such; elsewhere the mark is a value too large. */
+ * is done early is marked as such; elsewhere the mark is a value too large. */
 static uint32_t aux_end(uint32_t kind, uint32_t aux, uint32_t *value) {
     *value = aux;
     switch ((mn_trace_kind)kind) {
@@ -105,7 +105,7 @@ static uint32_t aux_end(uint32_t kind, uint32_t aux, uint32_t *value) {
     case MN_TRACE_ENDED: /* two fields: both below their ends */
         return (aux & 3) < MN_TRACE_COMMANDS ? 4 * MN_TRACE_ENDS : 0;
     default:
-        *value = aux & (MN_TRACE_REHEARSED - 1);
+        *value = aux & (MN_TRACE_EARLY - 1);
         return aux_end_marked(kind, *value);
     }
 }

@@ -10,10 +10,11 @@
 
 #include <math.h>
 
-/* A step so many times as long as the one before, and this share of the model, is a jump: the
- * camera is somewhere else, and nothing is known of where it goes. */
-#define JUMP_TIMES 8.0f
-#define JUMP_SHARE 0.05f
+/* A step that is this share of the model, and differs by this share of itself from the one before,
+ * is a jump: the camera is somewhere else, and nothing is known of where it goes. The next one, if
+ * it is alike, is motion, however fast. */
+#define JUMP_SIZE_SHARE 0.05f
+#define JUMP_CHANGE_SHARE 0.75f
 /* Steps that differ by more than this share of one are no smooth motion: a start, a stop, a hand.
  */
 #define SMOOTH_SHARE 0.25f
@@ -60,11 +61,13 @@ void mni_ahead_begin(mni_ahead *a, const mn_camera *camera, const mni_lens *now,
                      uint32_t height_px, double size, const mn_weights *weights,
                      float coordinate_max) {
     mn_camera there;
-    float step[3];
-    for (int i = 0; i < 3; i++)
+    float step[3], change[3];
+    for (int i = 0; i < 3; i++) {
         step[i] = camera->eye[i] - a->last.eye[i];
-    const bool jumped = length_of(step) > JUMP_SHARE * (float)size &&
-                        length_of(step) > JUMP_TIMES * length_of(a->step);
+        change[i] = step[i] - a->step[i];
+    }
+    const bool jumped = length_of(step) > JUMP_SIZE_SHARE * (float)size &&
+                        length_of(change) > JUMP_CHANGE_SHARE * length_of(step);
     a->look.now = a->look.ahead = *now;
     a->look.coordinate_max = coordinate_max;
     a->look.moves =
@@ -77,10 +80,13 @@ void mni_ahead_begin(mni_ahead *a, const mn_camera *camera, const mni_lens *now,
         if (a->near && mni_ahead_extrapolate(a, camera, MNI_AHEAD_NEAR, &there))
             mni_lens_make(&a->there, &there, width_px, height_px, size, now->tolerance_px, weights);
         mni_sieve_make(&a->sieve, &a->there, coordinate_max);
+        (void)mni_ahead_extrapolate(a, camera, MNI_AHEAD_SOON, &there);
+        mni_lens_make(&a->soon.lens, &there, width_px, height_px, size, now->tolerance_px, weights);
+        mni_sieve_make(&a->soon.sieve, &a->soon.lens, coordinate_max);
+        a->soon_motion = mni_sieve_motion(now, &a->soon.lens, (double)coordinate_max);
     }
     for (int i = 0; i < 3; i++)
-        a->step[i] = jumped ? 0 : step[i];
-    a->frame++;
+        a->step[i] = step[i];
     a->before = a->last;
     a->has_before = a->has_last && !jumped;
     a->last = *camera;
@@ -95,44 +101,9 @@ static uint32_t frames_until(double now_px, double there_px, double tolerance_px
     return (uint32_t)(frames * fmin(fmax(share, 0), 1));
 }
 
-static void exit_foresee(mni_front *front, uint32_t slot, uint32_t frames) {
-    mn_block_ref ref;
-    mni_note note;
-    const mni_entry entry = mni_front_exit(front, slot, &ref, &note);
-    mni_store_ahead_down(front->store, entry, ref, frames);
-    mni_store_note(front->store, ref, &note);
-}
-
-void mni_ahead_know(mni_ahead *a, mni_front_ref node) {
-    a->known[node.slot % MNI_AHEAD_KNOWN] = (struct mni_ahead_known){node.order, a->frame};
-}
-
-static bool is_known(const mni_ahead *a, mni_front_ref node) {
-    const struct mni_ahead_known *known = &a->known[node.slot % MNI_AHEAD_KNOWN];
-    return known->order == node.order && known->frame != 0 &&
-           a->frame - known->frame < MNI_AHEAD_KEPT;
-}
-
-/* What must be split before the node, as far as it stands in the front: the exits among it. Most
- * blocks are needed by splits that another one forces, and this costs a ring a node, where a
- * rehearsal carries the splits out; that alone sees what is below them. */
-static void forced_foresee(mni_front *front, uint32_t slot, uint32_t frames) {
-    mni_front_ref forced[MNI_AHEAD_FORCED];
-    uint32_t count = 0;
-    for (uint32_t i = 0;; slot = forced[i++].slot) {
-        if (!mni_front_is_long(&front->node[slot]) && count < MNI_AHEAD_FORCED)
-            count +=
-                mni_front_split_blockers(front, slot, forced + count, MNI_AHEAD_FORCED - count);
-        if (i == count)
-            break;
-        if ((front->node[forced[i].slot].flags & MNI_NODE_EXIT) != 0)
-            exit_foresee(front, forced[i].slot, frames);
-    }
-}
-
-/* A node that is not wanted now and will be. */
+/* An exit that is not wanted now and will be. */
 static void foresee_split(mni_ahead *a, mni_front *front, uint32_t slot) {
-    if (!mni_front_is_active(front, slot) || mni_front_is_leaf(front, slot))
+    if (!mni_front_is_active(front, slot) || (front->node[slot].flags & MNI_NODE_EXIT) == 0)
         return;
     const mni_bounds bounds = mni_front_bounds(front, slot);
     const double tolerance_px = a->look.now.tolerance_px;
@@ -142,22 +113,12 @@ static void foresee_split(mni_ahead *a, mni_front *front, uint32_t slot) {
     const double now_px = mni_lens_priority(&a->look.now, &bounds);
     if (now_px > tolerance_px)
         return; /* asked for as it is */
-    const uint32_t frames = frames_until(now_px, there_px, tolerance_px, a->frames);
-    const mni_front_ref node = mni_front_ref_of(front, slot);
-    if (a->splits < MNI_AHEAD_SPLITS && !is_known(a, node))
-        a->split[a->splits++] = (mni_ahead_split){node, frames};
-    forced_foresee(front, slot, frames);
-    if ((front->node[slot].flags & MNI_NODE_EXIT) != 0)
-        exit_foresee(front, slot, frames);
-}
-
-void mni_ahead_newborn(const mni_ahead *a, mni_front *front, uint32_t slot) {
-    if ((front->node[slot].flags & MNI_NODE_EXIT) == 0)
-        return;
-    const mni_bounds bounds = mni_front_bounds(front, slot);
-    if (mni_lens_priority(&a->look.ahead, &bounds) <= a->look.now.tolerance_px)
-        return;
-    exit_foresee(front, slot, MNI_AHEAD_HORIZON);
+    mn_block_ref ref;
+    mni_note note;
+    const mni_entry entry = mni_front_exit(front, slot, &ref, &note);
+    mni_store_ahead_down(front->store, entry, ref,
+                         frames_until(now_px, there_px, tolerance_px, a->frames));
+    mni_store_note(front->store, ref, &note);
 }
 
 static void judge(mni_ahead *a, mni_front *front, const uint32_t *slot, int count) {
@@ -226,7 +187,6 @@ static part turn(uint32_t count, uint32_t turns, uint32_t *next) {
 }
 
 void mni_ahead_scan(mni_ahead *a, mni_front *front) {
-    a->splits = 0;
     if (!a->look.moves || !(a->look.now.tolerance_px > 0))
         return;
     const part slots = turn(front->slots_high, MNI_AHEAD_TURNS, &a->slot);

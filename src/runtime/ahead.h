@@ -14,20 +14,11 @@
 enum {
     MNI_AHEAD_HORIZON = 12, /* frames that the camera is looked ahead */
     MNI_AHEAD_NEAR = 6,     /* and in every other round of the front */
+    MNI_AHEAD_SOON = 2,     /* and for what is split early */
     MNI_AHEAD_TURNS = 4,    /* frames in which the whole front has its turn; so much less is told */
     MNI_AHEAD_UP_TURNS =
-        16,                 /* in which its forks have: the way up is in memory for the most part */
-    MNI_AHEAD_SPLITS = 48,  /* in a frame, that are worth a rehearsal */
-    MNI_AHEAD_FORCED = 12,  /* nodes that must be split before one, looked through for it */
-    MNI_AHEAD_KNOWN = 4096, /* nodes whose rehearsal went well, remembered; a power of two … */
-    MNI_AHEAD_KEPT = 32,    /* … for so many frames: their blocks may go */
+        16, /* in which its forks have: the way up is in memory for the most part */
 };
-
-/* A split to come. */
-typedef struct mni_ahead_split {
-    mni_front_ref node;
-    uint32_t frames;
-} mni_ahead_split;
 
 typedef struct mni_ahead {
     /* Navigate only */
@@ -40,13 +31,9 @@ typedef struct mni_ahead {
     mni_lens there;  /* the camera then */
     mni_sieve sieve; /* of there */
     mni_sieve_batch batch;
-    uint32_t slot, branch;                   /* whose turn it is */
-    mni_ahead_split split[MNI_AHEAD_SPLITS]; /* of this frame */
-    uint32_t splits;
-    uint32_t frame;
-    struct mni_ahead_known {
-        uint32_t order, frame; /* in which that was known; 0: never */
-    } known[MNI_AHEAD_KNOWN];  /* by slot */
+    mni_view soon;         /* the camera in MNI_AHEAD_SOON frames, while look.moves … */
+    double soon_motion;    /* … and how much of a motion that is (mni_sieve_motion) */
+    uint32_t slot, branch; /* whose turn it is */
 } mni_ahead;
 
 /* The camera in so many frames, if it goes on as it came. false: it stands, or has jumped. */
@@ -56,12 +43,7 @@ bool mni_ahead_extrapolate(mni_ahead *ahead, const mn_camera *camera, float fram
 void mni_ahead_begin(mni_ahead *ahead, const mn_camera *camera, const mni_lens *now,
                      uint32_t width_px, uint32_t height_px, double size, const mn_weights *weights,
                      float coordinate_max);
-/* Tells the store what a part of the front will want; ahead->split are nodes of it that will be
- * split and may need more blocks than their own, for the splits that theirs force. */
+/* Tells the store what a part of the front will want. */
 void mni_ahead_scan(mni_ahead *ahead, mni_front *front);
-/* A node that a rehearsed split has brought; it will be gone. */
-void mni_ahead_newborn(const mni_ahead *ahead, mni_front *front, uint32_t slot);
-/* Everything that the split needs is there: it need not be rehearsed again. */
-void mni_ahead_know(mni_ahead *ahead, mni_front_ref node);
 
 #endif

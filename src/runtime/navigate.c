@@ -10,6 +10,7 @@
  *                   within half a doubling, there by place), each with the chain of neighbours that
  *                   must split before it. A chain is found by splitting, and undone in reverse when
  *                   it cannot be carried out whole. Children that are wanted join the agenda.
+ *   early splits    what the camera, extrapolated, will want two frames on, while there is room
  *   level           when the wanted mesh did not fit, the tolerance rises a step for the next
  *                   frame, and falls a step when there is room. While the camera stands, a level
  *                   that did not fit is not tried again, so it ends.
@@ -37,10 +38,12 @@ enum { RANKS = 32, PLACES = 1 << 27, HALF_DOUBLING_BITS = 22 };
 #define NOBODY UINT16_MAX /* has pushed the first of a stack */
 
 #define CLOCK_MAX                                                                                  \
-    1000               /* × the largest coordinate: margins of a hundredth of that are 9 bits yet \
-                        */
-#define LOOK (-1.0f)   /* due now: the clock of motion begins at 0 */
-#define NEVER INFINITY /* nobody is in the slot: who comes sets it */
+    1000 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet               \
+          */
+#define EARLY_FILL 0.92 /* of the scarcest room, up to which there are early splits … */
+#define EARLY_KEPT 0.96 /* … and they stay */
+#define LOOK (-1.0f)    /* due now: the clock of motion begins at 0 */
+#define NEVER INFINITY  /* nobody is in the slot: who comes sets it */
 
 /* ---- collapses ---------------------------------------------------------------------------------
  */
@@ -63,6 +66,19 @@ static void check_small(const mni_navigator *nav) {
  */
 static float due_after(const mni_navigator *nav, float margin) {
     return (nav->clock + margin) * (1 - 1e-6f);
+}
+
+/* Not wanted now, but in a moment: such a fork stays. It is looked at again in the next frame. */
+static bool stays_early(mni_navigator *nav, uint32_t fork) {
+    const mni_view *soon = &nav->ahead.soon;
+    double px;
+    if (!nav->early)
+        return false;
+    const mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
+    if (!mni_sieve_wants(&soon->sieve, &soon->lens, &bounds, &px))
+        return false;
+    nav->fork_due[fork] = LOOK;
+    return true;
 }
 
 /* A fork's turn: by order id; or by place, so that neighbours have theirs one after the other. */
@@ -103,6 +119,7 @@ static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
         nav->fork_due[fork[i]] = due_after(nav, margin[i]);
         if (wants & waits)
             mni_waiting_drop(&nav->waiting, fork[i]);
+        wants = wants || (!waits && stays_early(nav, fork[i]));
         mni_agenda_add_if(&nav->agenda,
                           (mni_agenda_item){UNTESTED, fork_key(nav, fork[i]), fork[i]},
                           !(wants | waits));
@@ -206,7 +223,7 @@ static void collapse_pass(mni_navigator *nav) {
             looked = look_ahead(nav);
         if (!mni_agenda_pop(&nav->agenda, &item))
             break;
-        if (item.order == WAITS ||
+        if (item.order == WAITS || (item.order == UNTESTED && stays_early(nav, item.what)) ||
             (item.order == UNTESTED &&
              has_to_wait(nav, item.what, mni_front_collapse_blocker(&nav->front, item.what))))
             continue;
@@ -400,7 +417,9 @@ static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *ite
         return false;
     mni_bounds bounds = mni_front_bounds(&nav->front, slot);
     double priority_px;
-    if (!mni_sieve_wants(&nav->sieve, &nav->lens, &bounds, &priority_px))
+    const mni_lens *lens = nav->early_splits ? &nav->ahead.soon.lens : &nav->lens;
+    const mni_sieve *sieve = nav->early_splits ? &nav->ahead.soon.sieve : &nav->sieve;
+    if (!mni_sieve_wants(sieve, lens, &bounds, &priority_px))
         return false;
     uint32_t key = split_key(priority_px);
     if (nav->by_place)
@@ -582,7 +601,7 @@ static bool keep_split(mni_navigator *nav, uint32_t branch) {
         bool is_split = (b->child[side] & MNI_FRONT_BRANCH) != 0;
         nav->slot_due[first_slot(front, b->child[side])] = is_split ? due : LOOK;
     }
-    return due <= nav->clock;
+    return due <= nav->clock || nav->early_splits;
 }
 
 /* All splits of a chain stay; their children that are wanted are to be split. */
@@ -634,47 +653,54 @@ static void split_pass(mni_navigator *nav) {
     nav->version = front->version;
 }
 
-/* ---- rehearsals ------------------------------------------------------------------------------ */
+/* ---- early splits ---------------------------------------------------------------------------- */
 
-/* Which blocks a split will need depends on the splits that it will force. So those that are
- * foreseen are carried out, as far as blocks are there, and undone. */
-static void rehearse(mni_navigator *nav) {
-    mni_front *front = &nav->front;
-    mni_ahead *ahead = &nav->ahead;
-    uint32_t chain_max = nav->chain_max, count;
-    const uint64_t ops_max = nav->ops_max;
-    nav->ops_max = 0; /* what is undone counts for no budget */
-    if (nav->chain_max > MNI_REHEARSED_MAX)
-        nav->chain_max = MNI_REHEARSED_MAX;
-    uint32_t budget = front->active / MNI_REHEARSED_SHARE + MNI_REHEARSED_LEAST, spent = 0;
-    for (uint32_t i = 0; i < ahead->splits && spent < budget; i++) {
-        const mni_ahead_split *split = &ahead->split[i];
-        if (!mni_front_stands(front, split->node))
+/* Those of a batch of slots that are not wanted now and will be. */
+static void judge_early(mni_navigator *nav, const uint32_t *slot, int count) {
+    uint8_t verdict[MNI_SIEVE_BATCH];
+    float margin[MNI_SIEVE_BATCH];
+    mni_agenda_item item;
+    mni_sieve_judge(&nav->ahead.soon.sieve, &nav->batch, verdict, margin);
+    for (int i = 0; i < count; i++) {
+        if (verdict[i] == MNI_UNWANTED || !mni_front_is_active(&nav->front, slot[i]))
             continue;
-        mni_store_rehearse(front->store, split->frames + 1);
-        mni_lacking_forget(&nav->lacking); /* what is absent may be due at another time */
-        mni_outcome outcome = chain_find(nav, split->node.slot, &count);
-        spent += 1 + count;
-        if (outcome == MNI_DONE) {
-            for (uint32_t c = 0; c < count; c++)
-                for (int side = 0; side < 2; side++) {
-                    uint32_t child = front->branch[nav->chain[c]].child[side];
-                    if ((child & MNI_FRONT_BRANCH) == 0)
-                        mni_ahead_newborn(ahead, front, child);
-                }
-            chain_undo(nav, count);
-            mni_store_attempt_over(front->store);
-        }
-        if (outcome != MNI_MISS)
-            mni_ahead_know(ahead, split->node);
+        const mni_bounds bounds = mni_front_bounds(&nav->front, slot[i]);
+        if (!mni_lens_wants(&nav->lens, &bounds) && wanted(nav, slot[i], &item))
+            mni_agenda_add(&nav->agenda, item);
     }
-    mni_store_rehearse(front->store, 0);
-    nav->chain_max = chain_max;
-    nav->ops_max = ops_max;
 }
 
-/* ---- degrading ---------------------------------------------------------------------------------
- */
+/* Whoever is not wanted until the clock has passed where it will be then needs no look. */
+static void early_agenda(mni_navigator *nav) {
+    const mni_front *f = &nav->front;
+    const float clock = (float)((double)nav->clock + nav->ahead.soon_motion);
+    uint32_t slot[MNI_SIEVE_BATCH];
+    float margin[MNI_SIEVE_BATCH];
+    int count = 0;
+    mni_agenda_clear(&nav->agenda);
+    for (uint32_t first = 0; first < f->slots_high; first += MNI_SIEVE_BATCH) {
+        uint64_t late = mni_sieve_late(&nav->slot_due[first], clock);
+        if (late == 0)
+            continue;
+        mni_sieve_far(&nav->ahead.soon.sieve, &f->position[3 * (size_t)first], &f->radius[first],
+                      &f->switch_value[first], margin);
+        for (; late != 0; late &= late - 1) {
+            const int i = __builtin_ctzll(late);
+            const uint32_t at = first + (uint32_t)i;
+            if (margin[i] > 0 || at >= f->slots_high)
+                continue;
+            mni_sieve_put(&nav->batch, count, &f->position[3 * (size_t)at], f->radius[at],
+                          f->switch_value[at], f->face[at].cone);
+            slot[count++] = at;
+            if (count < MNI_SIEVE_BATCH)
+                continue;
+            judge_early(nav, slot, count);
+            count = 0;
+        }
+    }
+    judge_early(nav, slot, count);
+    mni_agenda_begin(&nav->agenda);
+}
 
 /* Of the room that is scarcest. */
 static double fill(const mni_navigator *nav) {
@@ -685,6 +711,40 @@ static double fill(const mni_navigator *nav) {
         share = fmax(share, (double)f->triangles / (double)nav->triangles_max);
     return fmax(share, mni_store_fill(f->store));
 }
+
+/* What the camera will want in a moment is split as far as there are blocks and room, and stays: so
+ * what is absent is known before it is missed, whatever forces it, and nothing is done twice. */
+static void early_pass(mni_navigator *nav) {
+    mni_front *front = &nav->front;
+    mni_agenda_item item;
+    uint32_t fetched = 0, count;
+    nav->early_splits = true;
+    early_agenda(nav);
+    mni_store_early(front->store, MNI_AHEAD_SOON);
+    while (fill(nav) < EARLY_FILL) {
+        if (nav->agenda.next >= fetched)
+            fetched = fetch_ahead(nav);
+        if (!mni_agenda_pop(&nav->agenda, &item))
+            break;
+        const uint32_t triangles = front->triangles;
+        if (!item_stands(front, item))
+            continue;
+        const mni_outcome outcome = chain_find(nav, item.what, &count);
+        if (outcome == MNI_MISS)
+            continue;
+        if (outcome != MNI_DONE)
+            break;
+        nav->work.splits += count;
+        nav->work.triangles_made += front->triangles - triangles;
+        keep_chain(nav, count);
+    }
+    mni_store_early(front->store, 0);
+    nav->early_splits = false;
+    nav->version = front->version;
+}
+
+/* ---- degrading ---------------------------------------------------------------------------------
+ */
 
 void mni_navigator_give_way(mni_navigator *nav, bool reading) {
     const mni_work *work = &nav->work;
@@ -740,6 +800,8 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->by_place = nav->ops_max == 0 && nav->triangles_max == 0 && nav->work.refused_px == 0 &&
                     nav->front.active >= MNI_PLACES_MIN;
     nav->work = (mni_work){0};
+    nav->early = nav->looks_ahead && nav->ahead.look.moves && used_px > 0 && nav->ops_max == 0 &&
+                 nav->triangles_max == 0 && fill(nav) < EARLY_KEPT;
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */
     MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_COLLAPSES, 0, 0);
@@ -748,64 +810,13 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     split_pass(nav);
     if (nav->looks_ahead) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
-        mni_ahead_scan(&nav->ahead, &nav->front);
-        MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_REHEARSALS, 0, 0);
-        rehearse(nav);
+        if (nav->early) {
+            mni_ahead_scan(&nav->ahead, &nav->front);
+            MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_EARLY_SPLITS, 0, 0);
+            early_pass(nav);
+        }
     }
     nav->moved = moved;
-}
-
-void mni_navigator_check(mni_navigator *nav) {
-    mni_front *front = &nav->front;
-    mni_front_check(front);
-    mni_waiting_check(&nav->waiting);
-    for (uint32_t b = 0; b < front->slots_high; b++) {
-        bool waiting = mni_waiting_has(&nav->waiting, b);
-        if (!mni_front_is_fork(front, b)) {
-            MN_ASSERT(!waiting);
-            continue;
-        }
-        mni_bounds bounds = mni_front_branch_bounds(front, b);
-        MN_ASSERT(!waiting || mni_front_collapse_blocker(front, b) != MN_NONE);
-        if (nav->fork_due[b] > nav->clock)
-            MN_ASSERT(mni_lens_wants(&nav->lens, &bounds) != waiting);
-    }
-    for (uint32_t slot = 0; slot < front->slots_high; slot++) {
-        mni_bounds bounds = mni_front_bounds(front, slot);
-        if (mni_front_is_active(front, slot) && nav->slot_due[slot] > nav->clock)
-            MN_ASSERT(mni_front_is_leaf(front, slot) || !mni_lens_wants(&nav->lens, &bounds));
-    }
-}
-
-double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
-    const float grid_error = mn_grid_error(nav->front.header->grid_step);
-    double most = 0;
-    *inside_px = 0;
-    for (uint32_t slot = 0; slot < nav->front.slots_high; slot++) {
-        if (!mni_front_is_active(&nav->front, slot))
-            continue;
-        mni_bounds bounds = mni_front_bounds(&nav->front, slot);
-        bounds.switch_value += grid_error;
-        double error_px = mni_lens_error_px(&nav->lens, &bounds);
-        if (error_px <= most || !mni_lens_inside(&nav->lens, &bounds))
-            continue;
-        *inside_px = fmax(*inside_px, error_px);
-        if (!mni_lens_away(&nav->lens, &bounds))
-            most = error_px;
-    }
-    return most;
-}
-
-double mni_navigator_front_over_wanted(const mni_navigator *nav) {
-    uint64_t nodes = 0;
-    for (uint32_t b = 0; b < nav->front.slots_high; b++) {
-        if (!mni_front_is_branch(&nav->front, b))
-            continue;
-        mni_bounds bounds = mni_front_branch_bounds(&nav->front, b);
-        nodes += mni_lens_wants(&nav->lens, &bounds);
-    }
-    uint32_t roots = nav->front.header->roots;
-    return (double)nav->front.active / (double)(nodes + roots);
 }
 
 /* ---- open --------------------------------------------------------------------------------------

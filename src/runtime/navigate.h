@@ -11,16 +11,13 @@
 #include "waiting.h"
 
 enum {
-    MNI_CHAIN_MAX = 1 << 16, /* splits in one chain of forced splits */
-    MNI_STACK_MAX = 1 << 13, /* nodes waiting in one */
-    MNI_MISSED_MAX = 32,     /* nodes of a chain that are known to be missing: enough to ask … */
-    MNI_SURVEY_MAX = 64,     /* … and splits after the first, for the sake of further ones */
-    MNI_REHEARSED_MAX = 64,  /* splits of a chain that is rehearsed */
-    MNI_REHEARSED_SHARE = 256, /* of the front's nodes: splits that a frame rehearses … */
-    MNI_REHEARSED_LEAST = 4,   /* … and a few more: about a tenth of its time */
-    MNI_PLACES_MIN = 1 << 12,  /* nodes of a front: fewer are in the cache whatever the order */
-    MNI_CROWD_SHARE = 8, /* of the front's nodes: forks that a frame has to test, in a crowd */
-    MNI_TURNS = 16,      /* frames in which each refused chain has its turn */
+    MNI_CHAIN_MAX = 1 << 16,  /* splits in one chain of forced splits */
+    MNI_STACK_MAX = 1 << 13,  /* nodes waiting in one */
+    MNI_MISSED_MAX = 32,      /* nodes of a chain that are known to be missing: enough to ask … */
+    MNI_SURVEY_MAX = 64,      /* … and splits after the first, for the sake of further ones */
+    MNI_PLACES_MIN = 1 << 12, /* nodes of a front: fewer are in the cache whatever the order */
+    MNI_CROWD_SHARE = 8,      /* of the front's nodes: forks that a frame has to test, in a crowd */
+    MNI_TURNS = 16,           /* frames in which each refused chain has its turn */
 };
 
 /* What a frame did and could not do (terms in design.md §1). */
@@ -59,7 +56,9 @@ typedef struct mni_navigator {
     mn_weights weights;
     uint64_t triangles_max; /* 0: as many as there is room for */
     mni_lens lens;
-    mni_sieve sieve; /* the lens, in single precision */
+    mni_sieve sieve;   /* the lens, in single precision */
+    bool early;        /* there is room for what the camera will want in a moment … */
+    bool early_splits; /* … which has its turn now */
     mni_ahead ahead;
     float clock; /* motion of the camera up to now, and at times from 0 again */
     mn_camera camera;

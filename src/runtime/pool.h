@@ -69,7 +69,7 @@ typedef struct mni_pool {
     uint32_t touched_count;
     mni_attempt attempt;
     mni_refusal refusal;    /* the last one */
-    uint32_t rehearsed;     /* in a rehearsal: for in so many frames; otherwise 0 */
+    uint32_t early;         /* what is asked for is for in so many frames; otherwise 0 */
     bool waits_for_reads;   /* in this frame a switch waited for reads to end */
     uint64_t absent_serial; /* answers "absent" so far */
     uint64_t epoch;
@@ -105,8 +105,8 @@ bool mni_pool_comes(mni_pool *pool, uint32_t block_id);
  * foresight. */
 void mni_pool_ahead(mni_pool *pool, mn_block_ref ref, uint32_t parent_id, uint32_t frames);
 void mni_pool_note(mni_pool *pool, uint32_t block_id, const mni_note *note);
-/* See mni_store_rehearse. */
-void mni_pool_rehearse(mni_pool *pool, uint32_t frames);
+/* See mni_store_early. */
+void mni_pool_early(mni_pool *pool, uint32_t frames);
 /* Starts a frame and hands out what failed since the last: at most MNI_REPORTS_MAX. */
 uint32_t mni_pool_begin_frame(mni_pool *pool, mni_report report[MNI_REPORTS_MAX]);
 void mni_pool_end_frame(mni_pool *pool);

@@ -130,9 +130,9 @@ static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, u
                           int64_t lacks) {
     MN_ASSERT(pool->locked);
     uint32_t parent_id = wish->way == MNI_WAY_OVERFLOW ? MN_NONE : wish->parent.id;
-    if (pool->rehearsed > 0) {
+    if (pool->early > 0) {
         if (lacks <= 0)
-            mni_pool_ahead(pool, wish->ref, parent_id, pool->rehearsed);
+            mni_pool_ahead(pool, wish->ref, parent_id, pool->early);
         return lacks > 0 ? MNI_REFUSED : MNI_ABSENT;
     }
     if (lacks > 0) {
@@ -193,28 +193,24 @@ static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void 
             MNI_TRACE(MN_TRACE_REFUSED, 0, wish->ref.id, 0);
             return answer_refused(pool, wish, lacks);
         }
-        if (own != MNI_HASHMAP_NONE && pool->rehearsed == 0) {
+        if (own != MNI_HASHMAP_NONE && pool->early == 0) {
             pool->grants.grant[own].asked_frame = pool->frame;
             pool->grants.grant[own].waiting = false;
         }
-        pool->waits_for_reads |= pool->rehearsed == 0;
+        pool->waits_for_reads |= pool->early == 0;
         return answer_absent(pool);
     }
-    uint64_t second_chances = pool->stats.second_chances;
     mni_pool_rescue_locked(pool, slot);
     MN_ASSERT(!holder->used);
     holder->used = holder->held = true;
     holder->parent = wish->parent;
     holder->grandparent_id = wish->grandparent_id;
     touch(pool, slot);
-    if (pool->rehearsed > 0) {
-        pool->stats.second_chances = second_chances;
+    if (pool->early > 0)
         holder->ahead_frame = (uint32_t)pool->frame;
-    } else {
-        use_prefetched(pool, holder);
-    }
+    use_prefetched(pool, holder);
     if (own != MNI_HASHMAP_NONE) {
-        if (pool->rehearsed == 0) {
+        if (pool->early == 0) {
             pool->grants.grant[own].asked_frame = pool->frame;
             pool->grants.grant[own].waiting = false;
         }
@@ -249,9 +245,9 @@ void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone) {
     uint32_t own = mni_grants_find(&pool->grants, block_id);
     if (own != MNI_HASHMAP_NONE) {
         mni_grants_set(&pool->grants, own, false, gone);
-        if (pool->rehearsed == 0 && pool->attempt.refused)
+        if (pool->early == 0 && pool->attempt.refused)
             pool->grants.grant[own].asked_frame = 0; /* dropped when the frame ends */
-    } else if (pool->rehearsed == 0 && undone && pool->attempt.absent && !pool->attempt.refused) {
+    } else if (pool->early == 0 && undone && pool->attempt.absent && !pool->attempt.refused) {
         own = mni_grants_add(&pool->grants, holder->ref, holder->parent_id, MNI_WAY_DOWN, gone);
         if (own != MNI_HASHMAP_NONE) {
             pool->grants.grant[own].asked_frame = pool->frame;
@@ -263,8 +259,8 @@ void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone) {
 
 static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const void **bytes) {
     MN_ASSERT(pool->locked);
-    if (pool->rehearsed > 0) { /* nothing would keep it there */
-        mni_pool_ahead(pool, wish->ref, MN_NONE, pool->rehearsed);
+    if (pool->early > 0) { /* nothing would keep it there */
+        mni_pool_ahead(pool, wish->ref, MN_NONE, pool->early);
         return MNI_ABSENT;
     }
     uint32_t own = mni_grants_find(&pool->grants, wish->ref.id);
@@ -524,9 +520,9 @@ void mni_pool_note(mni_pool *pool, uint32_t block_id, const mni_note *note) {
         mni_notes_add(&pool->grants.grant[at].notes, note);
 }
 
-void mni_pool_rehearse(mni_pool *pool, uint32_t frames) {
+void mni_pool_early(mni_pool *pool, uint32_t frames) {
     if (pool->prefetch == MN_PREFETCH_AHEAD)
-        pool->rehearsed = frames;
+        pool->early = frames;
 }
 
 /* What is there is kept longest, and looked into; what is not is fetched. */

@@ -24,6 +24,12 @@ typedef struct mni_sieve {
     float slack;                            /* absolute error of a difference of coordinates */
 } mni_sieve;
 
+/* What a camera sees, both ways. */
+typedef struct mni_view {
+    mni_lens lens;
+    mni_sieve sieve;
+} mni_view;
+
 /* Nodes' bounds, column by column. */
 typedef struct mni_sieve_batch {
     float x[MNI_SIEVE_BATCH], y[MNI_SIEVE_BATCH], z[MNI_SIEVE_BATCH];

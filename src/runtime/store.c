@@ -313,10 +313,10 @@ void mni_store_note(mni_store *store, mn_block_ref ref, const mni_note *note) {
         store->kind->note(store->blocks, ref.id, note);
 }
 
-void mni_store_rehearse(mni_store *store, uint32_t frames) {
-    mni_trace_rehearse(frames > 0);
-    if (store->kind->rehearse != NULL)
-        store->kind->rehearse(store->blocks, frames);
+void mni_store_early(mni_store *store, uint32_t frames) {
+    mni_trace_early(frames > 0);
+    if (store->kind->early != NULL)
+        store->kind->early(store->blocks, frames);
 }
 
 /* ---- frames --------------------------------------------------------------------------------- */

@@ -152,10 +152,10 @@ void mni_store_ahead_up(mni_store *store, mni_entry entry, uint32_t frames);
 /* What whoever rates the block must know of it, when it has been answered "absent", or told to be
  * wanted, in this frame. */
 void mni_store_note(mni_store *store, mn_block_ref ref, const mni_note *note);
-/* Rehearsals: until they end, what is asked for will be wanted in so many frames: a block that is
- * there may be used, and must be given back; one that is not is fetched as by mni_store_ahead_down.
- * frames 0: they end. */
-void mni_store_rehearse(mni_store *store, uint32_t frames);
+/* Until it ends, what is asked for will be wanted in so many frames only: a block that is there
+ * comes into use; one that is not is fetched as by mni_store_ahead_down, and nothing is granted.
+ * frames 0: it ends. */
+void mni_store_early(mni_store *store, uint32_t frames);
 
 /* Between frames. begin: completions that have arrived are taken in. end: commands are posted, and
  * grants that Navigate did not ask for again in this frame are dropped (their pins go). The

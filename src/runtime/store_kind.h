@@ -45,7 +45,7 @@ typedef struct mni_store_kind {
     void (*look)(void *self, const void *look);
     void (*ahead)(void *self, mn_block_ref ref, uint32_t parent_id, uint32_t frames);
     void (*note)(void *self, uint32_t block_id, const mni_note *note);
-    void (*rehearse)(void *self, uint32_t frames);
+    void (*early)(void *self, uint32_t frames);
     void (*frame_begin)(void *self);
     void (*frame_end)(void *self, double frame_s);
     void (*drain)(void *self);

@@ -287,8 +287,8 @@ static void note(void *self, uint32_t block_id, const mni_note *note) {
     mni_pool_note(&((paged *)self)->pool, block_id, note);
 }
 
-static void rehearse(void *self, uint32_t frames) {
-    mni_pool_rehearse(&((paged *)self)->pool, frames);
+static void early(void *self, uint32_t frames) {
+    mni_pool_early(&((paged *)self)->pool, frames);
 }
 
 /* ---- figures --------------------------------------------------------------------------------- */
@@ -395,7 +395,7 @@ const mni_store_kind mni_store_paged = {
     .look = look,
     .ahead = ahead,
     .note = note,
-    .rehearse = rehearse,
+    .early = early,
     .frame_begin = frame_begin,
     .frame_end = frame_end,
     .drain = drain,

@@ -192,14 +192,14 @@ START_TEST(a_full_disk_is_told_at_the_end) {
 }
 END_TEST
 
-/* Rehearsals: what is asked for is not told, what is done is marked. */
-START_TEST(rehearsals_are_marked) {
+/* What is done for what is not wanted yet is marked, and what it lacks is not told. */
+START_TEST(early_is_marked) {
     mni_trace *t = begin(MN_TRACE_VIRTUAL);
     (void)mni_trace_swap(mni_trace_ring_of(t, MN_TRACE_NAVIGATE));
-    mni_trace_rehearse(true);
+    mni_trace_early(true);
     MNI_TRACE(MN_TRACE_ABSENT, 0, 5, 0);
     MNI_TRACE(MN_TRACE_HOLDER, MN_TRACE_FREED | MN_TRACE_LOADED << 3, 6, 0);
-    mni_trace_rehearse(false);
+    mni_trace_early(false);
     MNI_TRACE(MN_TRACE_ABSENT, 0, 7, 0);
     MNI_TRACE_MISS(1, false);
     MNI_TRACE_MISS(0, true);
@@ -207,7 +207,7 @@ START_TEST(rehearsals_are_marked) {
     ck_assert_int_eq(mni_trace_close(t, NULL), MN_OK);
     static const mn_trace_event want[] = {
         {.kind = MN_TRACE_HOLDER,
-         .aux = MN_TRACE_FREED | MN_TRACE_LOADED << 3 | MN_TRACE_REHEARSED,
+         .aux = MN_TRACE_FREED | MN_TRACE_LOADED << 3 | MN_TRACE_EARLY,
          .a = 6},
         {.kind = MN_TRACE_ABSENT, .a = 7},
         {.kind = MN_TRACE_MISS, .aux = 1, .a = 7},
@@ -347,8 +347,8 @@ START_TEST(other_files) {
 }
 END_TEST
 
-/* The mark of a rehearsal stands only where one can be: nobody else takes it off before he looks a
- * name up, or a count. */
+/* The mark of what is early stands only where one can be: nobody else takes it off before he looks
+ * a name up, or a count. */
 START_TEST(marks_only_where_they_may_be) {
     const bool may[MN_TRACE_KINDS] = {
         [MN_TRACE_SPLIT] = true,    [MN_TRACE_COLLAPSE] = true,   [MN_TRACE_MISS] = true,
@@ -360,7 +360,7 @@ START_TEST(marks_only_where_they_may_be) {
         for (int marked = 0; marked < 2; marked++) {
             mni_trace *t = begin(MN_TRACE_VIRTUAL);
             (void)mni_trace_swap(mni_trace_ring_of(t, MN_TRACE_NAVIGATE));
-            mni_trace_put((mn_trace_kind)kind, marked ? MN_TRACE_REHEARSED : 0, 5, 0);
+            mni_trace_put((mn_trace_kind)kind, marked ? MN_TRACE_EARLY : 0, 5, 0);
             (void)mni_trace_swap(NULL);
             ck_assert_int_eq(mni_trace_close(t, NULL), MN_OK);
             ck_assert_msg(try_open(false) == (marked && !may[kind] ? MN_BAD_INPUT : MN_OK),
@@ -379,7 +379,7 @@ int main(void) {
     tcase_add_test(tc, virtual_time_drops_nothing);
     tcase_add_test(tc, nothing_is_lost_in_silence);
     tcase_add_loop_test(tc, a_full_disk_is_told_at_the_end, 0, 2);
-    tcase_add_test(tc, rehearsals_are_marked);
+    tcase_add_test(tc, early_is_marked);
     tcase_add_test(tc, every_length);
     tcase_add_test(tc, every_byte);
     tcase_add_test(tc, lies_with_good_checksums);

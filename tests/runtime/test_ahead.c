@@ -44,6 +44,17 @@ START_TEST(moves_jumps_and_stops) {
 }
 END_TEST
 
+/* Long steps that are alike are motion from the second on; to and fro over the model they are
+ * jumps, however often. */
+START_TEST(fast_is_no_jump) {
+    mni_ahead ahead = {.has_last = false};
+    for (int i = 0; i < 10; i++)
+        ck_assert(look(&ahead, 2 * (float)i) == (i > 1));
+    for (int i = 0; i < 10; i++)
+        ck_assert(!look(&ahead, i % 2 == 0 ? -20 : 20));
+}
+END_TEST
+
 /* On a circle the camera is found near it, where a straight line leads well outside. */
 START_TEST(turns_stay_turns) {
     mni_ahead ahead = {.has_last = false};
@@ -140,6 +151,45 @@ START_TEST(jumps_reversals_and_stops) {
         (void)fly(&desc, &m, _i);
     }
     ck_assert_uint_le(misses[MN_PREFETCH_AHEAD], misses[MN_PREFETCH_OFF]);
+    model_free(&m);
+}
+END_TEST
+
+/* Where nothing is missed, a front whose camera moves has all that is wanted, and some of what will
+ * be; as soon as it stands, that alone which is wanted. */
+START_TEST(splits_early_while_it_moves) {
+    enum { FRAMES = 60, STANDS = 4 };
+    static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096};
+    model m;
+    model_make(&m, MODEL_GLOBE, 6000, &blocks);
+    mn_session_desc desc = model_desc(&m);
+    mn_session *resident = model_open(&desc);
+    desc.store = MN_STORE_PAGED;
+    desc.io = MN_IO_SIM;
+    desc.fps = 60;
+    desc.degrade_off = true;
+    mn_session *paged = model_open(&desc);
+    uint32_t more = 0, complete = 0;
+    for (int i = 0; i < FRAMES; i++) {
+        mn_frame_stats want, have;
+        const int moves = i < FRAMES - STANDS ? i : FRAMES - STANDS - 1;
+        const mn_camera camera = model_camera(&m, 0.002 * moves, 3 - 0.03 * moves);
+        mn_session_frame(resident, &camera, &want);
+        mn_session_frame(paged, &camera, &have);
+        mn_session_check(paged);
+        if (have.misses > 0 || have.refused_pool > 0)
+            continue;
+        complete++;
+        ck_assert_uint_ge(have.active_nodes, want.active_nodes);
+        ck_assert_double_le(have.error_px, want.error_px);
+        more += have.active_nodes > want.active_nodes;
+        if (i == FRAMES - 1)
+            ck_assert_uint_eq(have.front_hash, want.front_hash);
+    }
+    ck_assert_uint_gt(complete, FRAMES / 2);
+    ck_assert_uint_gt(more, FRAMES / 4);
+    mn_session_close(paged);
+    mn_session_close(resident);
     model_free(&m);
 }
 END_TEST
@@ -242,8 +292,10 @@ int main(void) {
     TCase *tc = tcase_create("ahead");
     tcase_set_timeout(tc, 120);
     tcase_add_test(tc, moves_jumps_and_stops);
+    tcase_add_test(tc, fast_is_no_jump);
     tcase_add_test(tc, turns_stay_turns);
     tcase_add_loop_test(tc, jumps_reversals_and_stops, 0, 4);
+    tcase_add_test(tc, splits_early_while_it_moves);
     tcase_add_test(tc, ratings_are_those_of_the_nodes);
     suite_add_tcase(suite, tc);
     return suite_run(suite);

@@ -83,7 +83,8 @@ static void take(traced *t, const mn_trace_event *e, mn_trace_round round) {
         break;
     case MN_TRACE_HOLDER:
         t->reads += (e->aux >> 3 & 7) == MN_TRACE_LOADING;
-        t->second_chances += e->aux == (MN_TRACE_FREED | MN_TRACE_LOADED << 3);
+        t->second_chances +=
+            (e->aux & (MN_TRACE_EARLY - 1)) == (MN_TRACE_FREED | MN_TRACE_LOADED << 3);
         break;
     case MN_TRACE_LOST:
         t->evictions += (e->aux & 7) == MN_TRACE_LOADED;
@@ -105,8 +106,6 @@ static void take(traced *t, const mn_trace_event *e, mn_trace_round round) {
     }
 }
 
-/* A rehearsal takes blocks into use without a word, and gives them back: the levels in between are
- * not followed. */
 static void read_back(const char *path, traced *t) {
     mn_trace_file *file;
     mn_trace_event e;

@@ -467,11 +467,16 @@ static void split_pass(walker *w) {
     }
 }
 
-/* A chain of one or two is taken and given back. */
-static void rehearse(walker *w, uint32_t s, uint32_t frames) {
+/* A chain of one or two is taken early, and given back; or, of one, stays. */
+static void take_early(walker *w, uint32_t s, uint32_t frames, bool stays) {
     const made_subtree *subtree = &w->file->subtree[s];
-    mni_store_rehearse(w->store, frames);
-    if (take_down(w, s) == MNI_GRANTED) {
+    mni_store_early(w->store, frames);
+    const bool granted = take_down(w, s) == MNI_GRANTED;
+    if (granted && stays) {
+        w->state[s] = 1;
+        mni_store_sub(w->store, w->entry[w->file->subtree[subtree->parent].block]);
+        w->changes++;
+    } else if (granted) {
         if (subtree->overflow > 0)
             (void)take_overflow(w, s);
         if (subtree->children > 0 && take_down(w, subtree->first_child) == MNI_GRANTED)
@@ -479,7 +484,7 @@ static void rehearse(walker *w, uint32_t s, uint32_t frames) {
         mni_store_sub(w->store, w->entry[subtree->block]);
     }
     mni_store_attempt_over(w->store);
-    mni_store_rehearse(w->store, 0);
+    mni_store_early(w->store, 0);
 }
 
 /* Where the next camera may go, right or wrong: below what is open, and back up. */
@@ -498,7 +503,7 @@ static void foresee(walker *w) {
             mni_store_ahead_down(w->store, w->entry[above], w->file->block[subtree->block].ref,
                                  frames);
         else
-            rehearse(w, s, frames);
+            take_early(w, s, frames, w->moved && dice >> 9 & 1);
         if (w->check_each_step)
             walker_check(w);
     }

@@ -25,7 +25,7 @@ static uint32_t dice_aux(mn_trace_kind kind) {
         return dice(MN_TRACE_COMMANDS) + 4 * dice(MN_TRACE_ENDS);
     case MN_TRACE_HOLDER:
         return dice(MN_TRACE_PLACES) + 8 * dice(MN_TRACE_PLACES) +
-               (dice(9) > 0 ? 0 : MN_TRACE_REHEARSED);
+               (dice(9) > 0 ? 0 : MN_TRACE_EARLY);
     case MN_TRACE_LOST:
         return dice(MN_TRACE_PLACES) + 8 * dice(2);
     case MN_TRACE_MISS:
