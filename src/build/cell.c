@@ -10,6 +10,9 @@
 
 static const mni_frozen_table no_hubs;
 
+/* Fewer simplices among hubs alone go on with the others, and are measured as they are. */
+enum { ASIDE_LEAST = 2048 };
+
 /* ---- opening -------------------------------------------------------------------------------- */
 
 static mn_code no_memory(uint32_t vertices, mn_status *st) {
@@ -100,6 +103,11 @@ static void place_hubs(mni_cell *cell, const mni_hand *h) {
     }
 }
 
+static void count_inside(mni_cell *cell, uint32_t vertices) {
+    for (uint32_t v = 0; v < vertices; v++)
+        cell->inside += cell->s.part.closed[v] != 0;
+}
+
 static void load_hand(mni_cell *cell, const mni_hand *h) {
     for (uint32_t v = 0; v < h->vertices; v++)
         place_vertex(cell, v, h->first + v, h->position[v]);
@@ -117,6 +125,7 @@ static void load_hand(mni_cell *cell, const mni_hand *h) {
             cell->s.part.closed[v[c]] = 0;
         place_simplex(cell, t, v, h->triangle[t].corner);
     }
+    count_inside(cell, h->vertices);
 }
 
 /* Whether a simplex at these vertices is the cell's. */
@@ -325,6 +334,12 @@ static void each_simplex(mni_cell *cell, const mni_crate *crate, const places *p
 
 static void load_simplex(mni_cell *cell, uint32_t at, const mni_wire_simplex *x,
                          const uint32_t v[3], kind k) {
+    if (cell->desc.points) {
+        mni_aside_simplex *to = &cell->aside[cell->aside_count++];
+        memcpy(to->v, x->v, sizeof to->v);
+        memcpy(to->origin, x->origin, sizeof to->origin);
+        return;
+    }
     if (k == PASSING) {
         cell->passing[at] = (mni_cell_passing){*x, {v[0], v[1], v[2]}};
         return;
@@ -417,6 +432,12 @@ static mn_code load_crate(mni_cell *cell, const mni_crate *crate, places *p, flo
     uint32_t points = crate->points + MNI_WITNESSES * hubs;
     load_ids(p, crate);
     each_simplex(cell, crate, p, step, count, NULL);
+    if (cell->desc.points) {
+        cell->aside = malloc(((size_t)crate->simplices + 1) * sizeof *cell->aside);
+        if (cell->aside == NULL)
+            return no_memory(n, st);
+        memset(count, 0, sizeof count);
+    }
     cell->passing_count = count[PASSING];
     cell->passing = malloc(((size_t)count[PASSING] + 1) * sizeof *cell->passing);
     mn_code code = cell->passing != NULL ? take_room(cell, n, count[TRIANGLE], count[HINGE], st)
@@ -430,6 +451,7 @@ static mn_code load_crate(mni_cell *cell, const mni_crate *crate, places *p, flo
     load_hubs(cell);
     each_simplex(cell, crate, p, step, at, load_simplex);
     mni_surface_index(&cell->s.surface);
+    count_inside(cell, crate->vertices);
     return freeze_hubs(cell, st);
 }
 
@@ -498,6 +520,10 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
                                  .key = made->key[i],
                                  .bounds = mni_parent_bounds(vertex[a.vertex].p, a.bounds,
                                                              vertex[b.vertex].p, b.bounds)};
+        if (cell->desc.points) {
+            c->left_value = fmaxf(c->left_value, a.bounds.radius);
+            c->right_value = fmaxf(c->right_value, b.bounds.radius);
+        }
         endless |= isinf(c->bounds.radius);
     }
     /* A vertex's node from now on. */
@@ -581,6 +607,40 @@ mn_code mni_cell_run(mni_cell *cell, mn_status *st) {
     return code == MN_OK ? keep_killed(cell, st) : code;
 }
 
+/* A simplex that is the cell's own, is there still, and is joined to hubs alone. */
+static bool is_hubs_own(const mni_cell *cell, uint32_t x) {
+    const mni_simplex *is = &cell->s.surface.simplex[x];
+    for (int c = 0; c < 3; c++)
+        if (is->v[c] < cell->first_hub)
+            return false;
+    return is->killed == MN_NONE;
+}
+
+mn_code mni_cell_set_aside(mni_cell *cell, mn_status *st) {
+    mni_surface *s = &cell->s.surface;
+    uint32_t count = 0;
+    for (uint32_t x = 0; x < s->simplices && !cell->desc.whole; x++)
+        count += is_hubs_own(cell, x);
+    if (count < ASIDE_LEAST)
+        return MN_OK;
+    cell->aside = malloc((size_t)count * sizeof *cell->aside);
+    if (cell->aside == NULL)
+        return no_memory(cell->vertices, st);
+    for (uint32_t x = 0; x < s->simplices; x++) {
+        mni_aside_simplex *to = &cell->aside[cell->aside_count];
+        if (!is_hubs_own(cell, x))
+            continue;
+        for (int c = 0; c < 3; c++) {
+            uint32_t v = s->simplex[x].v[c];
+            to->v[c] = v == MN_NONE ? MN_NONE : cell->node[v].id;
+            to->origin[c] = s->origin[3 * (size_t)x + c];
+        }
+        s->simplex[x].killed = 0;
+        cell->aside_count++;
+    }
+    return MN_OK;
+}
+
 void mni_cell_number(mni_cell *cell, uint32_t collapses) {
     cell->collapses_before = collapses;
     for (uint32_t i = 0; i < cell->collapses; i++) {
@@ -630,6 +690,8 @@ static void record_of(const mni_cell *cell, uint32_t v, mni_wire_vertex *out) {
                              .levels = n->levels,
                              .quadric = {from->c, from->xx, from->yy, from->zz, from->xy, from->xz,
                                          from->yz, from->x, from->y, from->z}};
+    if (cell->desc.points)
+        out->value = fmaxf(out->value, n->bounds.radius);
     if (from->set == MN_NONE)
         leaf_points(&cell->s.witness, v, &out->points);
     else
@@ -652,6 +714,9 @@ void mni_cell_tell_hubs(const mni_cell *cell, mni_frozen_table *to) {
         mni_frozen_raise(&to->hub[i], cell->s.surface.vertex[v].value,
                          mni_hubs_of(&cell->s.hubs, v)->key);
     }
+    for (uint32_t i = 0; i < cell->aside_count && !cell->desc.points; i++)
+        for (int c = 0; c < 3 && cell->aside[i].v[c] != MN_NONE; c++)
+            to->hub[mni_frozen_find(to, cell->aside[i].v[c])].aside = true;
 }
 
 bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out) {
@@ -697,6 +762,7 @@ void mni_cell_close(mni_cell *cell) {
     free(cell->node);
     free(cell->passing);
     free(cell->hub_leaf);
+    free(cell->aside);
     mni_cell_forget(cell);
     *cell = (mni_cell){0};
 }

@@ -41,6 +41,7 @@ typedef struct mni_cell_desc {
     bool rings;  /* of what waits the rings wait as well, with what costs more */
     const mni_frozen_table *frozen; /* NULL: none; does not change while cells are opened */
     bool carries; /* what hubs come to here is what they are from now on: cells one by one */
+    bool points;  /* simplices are set aside (aside.h), not looked at */
     mni_poll poll;
 } mni_cell_desc;
 
@@ -58,6 +59,11 @@ typedef struct mni_cell_passing {
     uint32_t at[3];
 } mni_cell_passing;
 
+/* A simplex that is set aside. */
+typedef struct mni_aside_simplex {
+    uint32_t v[3], origin[3]; /* as in mni_wire_simplex */
+} mni_aside_simplex;
+
 typedef struct mni_cell {
     mni_cell_desc desc;
     mni_simplifier s;
@@ -68,6 +74,9 @@ typedef struct mni_cell {
     uint32_t triangles, simplices; /* that were there from the start */
     mni_cell_passing *passing;
     uint32_t passing_count;
+    mni_aside_simplex *aside;
+    uint32_t aside_count;
+    uint32_t inside; /* vertices with all of their ring here, hubs apart, when it was opened */
     /* Made by a run. */
     mni_cell_collapse *collapse;
     uint32_t collapses;
@@ -86,6 +95,8 @@ mn_code mni_cell_open_dealt(mni_cell *cell, const mni_cell_desc *desc, const mni
 mn_code mni_cell_open_taken(mni_cell *cell, const mni_cell_desc *desc, const mni_crate *crate,
                             float step, mn_status *st);
 mn_code mni_cell_run(mni_cell *cell, mn_status *st);
+/* Sets aside what is left among hubs alone, where there is much of it. MN_FAILED: memory. */
+mn_code mni_cell_set_aside(mni_cell *cell, mn_status *st);
 /* Gives collapses made here their numbers, after those of the cells before. */
 void mni_cell_number(mni_cell *cell, uint32_t collapses);
 /* Gives back what it has made, once that is kept elsewhere. */

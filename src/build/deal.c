@@ -13,11 +13,13 @@
 #include "wire.h"
 
 enum { BUFFERS = 2, SORTS = 4 };
+/* Times that cells with too many triangles are cut: of what lies unevenly in them, once more. */
+enum { CUTS_MAX = 4 };
 
 /* Triangles for which there is a counter of hubs. Numbers that cross are counted there, a few in a
- * hundred of a surface's: a fan falls short by some tens of triangles. Where all of them cross, by
- * 3 × 4,096. */
-enum { TRIANGLES_A_COUNTER = 4096, COUNTERS_MIN = 256 };
+ * hundred of a surface's: a fan falls short by a few. Where all of them cross, by 3 × 512, and by
+ * more from 33 M triangles on. */
+enum { TRIANGLES_A_COUNTER = 512, COUNTERS_MIN = 256, COUNTERS_MAX = 1 << 16 };
 /* Where a cell has more than this times the triangles of a hub, it may be that each of several fans
  * is not too large, but all of them are: less makes a hub there, by this part. */
 enum { CROWDED = 5, CROWDED_PART = 8 };
@@ -46,7 +48,9 @@ typedef struct found {
 struct mni_deal {
     mni_extmesh *mesh;
     mni_deal_desc desc;
-    uint32_t next; /* cell */
+    uint32_t cells;
+    uint32_t *start; /* of a cell, and behind the last: first vertices; NULL: all are alike */
+    uint32_t next;   /* cell */
     float low[3], high[3], step;
     mni_sort *copies, *lacks, *ghosts, *samples;
     const copy *next_copy;
@@ -66,11 +70,21 @@ struct mni_deal {
 };
 
 static uint32_t cell_start(const mni_deal *d, uint32_t c) {
-    return (uint32_t)(d->mesh->vertices * c / d->desc.cells);
+    return d->start != NULL ? d->start[c] : (uint32_t)(d->mesh->vertices * c / d->cells);
 }
 
 static uint32_t cell_of(const mni_deal *d, uint32_t id) {
-    uint32_t c = (uint32_t)(((uint64_t)id * d->desc.cells) / d->mesh->vertices);
+    if (d->start != NULL) {
+        uint32_t low = 0, high = d->cells;
+        while (high - low > 1) {
+            uint32_t middle = low + (high - low) / 2;
+            bool before = d->start[middle] <= id;
+            low = before ? middle : low;
+            high = before ? high : middle;
+        }
+        return low;
+    }
+    uint32_t c = (uint32_t)(((uint64_t)id * d->cells) / d->mesh->vertices);
     while (cell_start(d, c + 1) <= id)
         c++;
     while (cell_start(d, c) > id)
@@ -275,7 +289,8 @@ static mn_code choose_hubs(mni_deal *d, mn_status *st) {
 /* A look at all triangles, in which fans are counted. */
 static mn_code find_hubs(mni_deal *d, mn_status *st) {
     uint64_t counters = COUNTERS_MIN + d->mesh->triangles / TRIANGLES_A_COUNTER;
-    d->fan = calloc(d->mesh->vertices / d->desc.cells + 1, sizeof *d->fan);
+    counters = counters < COUNTERS_MAX ? counters : COUNTERS_MAX;
+    d->fan = calloc(d->mesh->vertices / d->cells + 1, sizeof *d->fan);
     if (d->fan == NULL || !mni_heavy_open(&d->heavy, (uint32_t)counters))
         return mn_fail(st, MN_FAILED, "out of memory");
     mn_code code = look_at_triangles(d, st);
@@ -287,11 +302,62 @@ static mn_code find_hubs(mni_deal *d, mn_status *st) {
     return code;
 }
 
+/* ---- cells ---------------------------------------------------------------------------------- */
+
+/* How many a cell becomes that has so many triangles. */
+static uint32_t parts_of(const mni_deal *d, uint32_t cell) {
+    const uint32_t vertices = cell_start(d, cell + 1) - cell_start(d, cell);
+    const uint32_t most = d->desc.triangles_max, count = d->of_cell[cell].triangles;
+    if (most == 0 || count <= most || vertices < 2)
+        return 1;
+    const uint32_t parts = (count + most - 1) / most;
+    return parts < vertices ? parts : vertices;
+}
+
+/* Those with too many triangles are cut; whether there are any. */
+static mn_code cut_cells(mni_deal *d, bool *cut, mn_status *st) {
+    size_t cells = 0;
+    for (uint32_t c = 0; c < d->cells; c++)
+        cells += parts_of(d, c);
+    *cut = cells > d->cells;
+    if (!*cut)
+        return MN_OK;
+    uint32_t *start = malloc((cells + 1) * sizeof *start);
+    tally *of_cell = calloc(cells, sizeof *of_cell);
+    if (start == NULL || of_cell == NULL) {
+        free(start);
+        free(of_cell);
+        return mn_fail(st, MN_FAILED, "out of memory");
+    }
+    uint32_t at = 0;
+    for (uint32_t c = 0; c < d->cells; c++) {
+        const uint32_t first = cell_start(d, c), parts = parts_of(d, c);
+        const uint64_t count = cell_start(d, c + 1) - first;
+        for (uint32_t i = 0; i < parts; i++)
+            start[at++] = first + (uint32_t)(count * i / parts);
+    }
+    start[at] = (uint32_t)d->mesh->vertices;
+    free(d->start);
+    free(d->of_cell);
+    d->start = start;
+    d->of_cell = of_cell;
+    d->cells = at;
+    return MN_OK;
+}
+
 /* ---- what crosses, all of it ---------------------------------------------------------------- */
 
 static mn_code open_crossing(mni_deal *d, mn_status *st) {
     mn_code code = open_sort(d, &d->copies, sizeof(copy), MNI_SORT_U32, st);
     return code == MN_OK ? open_sort(d, &d->lacks, sizeof(lack), MNI_SORT_U64, st) : code;
+}
+
+static mn_code look_again(mni_deal *d, mn_status *st) {
+    close_sort(d, &d->copies);
+    close_sort(d, &d->lacks);
+    memset(d->of_cell, 0, d->cells * sizeof *d->of_cell);
+    mn_code code = open_crossing(d, st);
+    return code == MN_OK ? look_at_triangles(d, st) : code;
 }
 
 static mn_code find_crossing(mni_deal *d, mn_status *st) {
@@ -302,13 +368,13 @@ static mn_code find_crossing(mni_deal *d, mn_status *st) {
         code = open_sort(d, &d->samples, sizeof(mni_ghost), MNI_SORT_U32, st);
     if (code == MN_OK)
         code = d->desc.hub_fan > 0 ? find_hubs(d, st) : look_at_triangles(d, st);
-    if (code == MN_OK && d->hubs > 0) {
-        close_sort(d, &d->copies);
-        close_sort(d, &d->lacks);
-        memset(d->of_cell, 0, d->desc.cells * sizeof *d->of_cell);
-        code = open_crossing(d, st);
-        if (code == MN_OK)
-            code = look_at_triangles(d, st);
+    if (code == MN_OK && d->hubs > 0)
+        code = look_again(d, st);
+    bool cut = true;
+    for (int i = 0; i < CUTS_MAX && code == MN_OK && cut; i++) {
+        code = cut_cells(d, &cut, st);
+        if (code == MN_OK && cut)
+            code = look_again(d, st);
     }
     if (code == MN_OK)
         code = mni_sort_finish(d->copies, st);
@@ -338,6 +404,7 @@ mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *d
                     .low = {INFINITY, INFINITY, INFINITY},
                     .high = {-INFINITY, -INFINITY, -INFINITY}};
     d->buffer_bytes = desc->work_bytes / 16 < 1 << 20 ? (size_t)(desc->work_bytes / 16) : 1 << 20;
+    d->cells = desc->cells;
     d->of_cell = calloc(desc->cells, sizeof *d->of_cell);
     if (d->of_cell == NULL)
         return mn_fail(st, MN_FAILED, "out of memory");
@@ -357,6 +424,10 @@ mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *d
 void mni_deal_box(const mni_deal *d, float low[3], float high[3]) {
     memcpy(low, d->low, sizeof d->low);
     memcpy(high, d->high, sizeof d->high);
+}
+
+uint32_t mni_deal_cells(const mni_deal *d) {
+    return d->cells;
 }
 
 void mni_deal_counts(const mni_deal *d, uint32_t c, uint32_t *vertices, uint32_t *triangles) {
@@ -405,6 +476,7 @@ void mni_deal_close(mni_deal *d) {
     free(d->fan);
     free(d->hub);
     free(d->of_cell);
+    free(d->start);
     free(d);
 }
 
@@ -489,7 +561,7 @@ static mn_code deal_triangles(mni_deal *d, mni_hand *h, mn_status *st) {
 }
 
 mn_code mni_deal_next(mni_deal *d, mni_hand *h, mn_status *st) {
-    MN_ASSERT(d->next < d->desc.cells);
+    MN_ASSERT(d->next < d->cells);
     h->first = cell_start(d, d->next);
     h->vertices = cell_start(d, d->next + 1) - h->first;
     mn_code code = deal_vertices(d, h, st);

@@ -11,8 +11,9 @@
  * That is one pass over both files before the first cell, and one with the cells; what is sorted is
  * what crosses, a few in a hundred. Vertices of too many triangles for a cell are found on the way
  * (heavy.h): they belong to no cell (frozen.h), and where there are any the first pass is done once
- * more without them. One thread at a time; calls may block on the disk. Memory: work_bytes, 8 bytes
- * a cell, 16 bytes a hub, and up to 64 bytes for 4,096 triangles. */
+ * more without them; and again where cells have too many triangles, and are cut. One thread at a
+ * time; calls may block on the disk. Memory: work_bytes, 12 bytes a cell, 16 bytes a hub, and while
+ * it is opened up to 64 bytes for 512 triangles, 4 MB at most. */
 #ifndef MNI_DEAL_H
 #define MNI_DEAL_H
 
@@ -22,11 +23,12 @@
 #define MNI_DEAL_WORK_MIN (16 * MNI_SORT_BUDGET_MIN)
 
 typedef struct mni_deal_desc {
-    uint32_t cells;
-    uint32_t sample_every; /* vertices, at least 1 */
-    uint32_t hub_fan;      /* more triangles make a hub; 0: nothing does */
-    uint32_t hubs_max;     /* the heaviest */
-    uint64_t work_bytes;   /* at least MNI_DEAL_WORK_MIN */
+    uint32_t cells;         /* of as many vertices each, at first */
+    uint32_t triangles_max; /* cells with more are cut into several; 0: none is */
+    uint32_t sample_every;  /* vertices, at least 1 */
+    uint32_t hub_fan;       /* more triangles make a hub; 0: nothing does */
+    uint32_t hubs_max;      /* the heaviest */
+    uint64_t work_bytes;    /* at least MNI_DEAL_WORK_MIN */
     const char *temp_dir;
 } mni_deal_desc;
 
@@ -63,6 +65,8 @@ float mni_deal_step(const mni_deal *deal);
 const mni_ghost *mni_deal_hubs(const mni_deal *deal, uint32_t *count);
 /* The next sample, NULL: that was all. Before the first hand, or never. */
 const mni_ghost *mni_deal_sample(mni_deal *deal, mn_status *st);
+/* How many there are. */
+uint32_t mni_deal_cells(const mni_deal *deal);
 /* What cell c will have, ghosts among the vertices. */
 void mni_deal_counts(const mni_deal *deal, uint32_t c, uint32_t *vertices, uint32_t *triangles);
 /* The next cell's; arrays of *hand are used again. */

@@ -30,6 +30,9 @@ void mni_frozen_close(mni_frozen_table *t) {
 
 void mni_frozen_copy(mni_frozen_table *to, const mni_frozen_table *from) {
     memcpy(to->hub, from->hub, from->count * sizeof *to->hub);
+    for (uint32_t i = 0; i < to->count; i++)
+        if (to->hub[i].aside)
+            to->hub[i].is.value = fmaxf(to->hub[i].is.value, to->hub[i].is.bounds.radius);
 }
 
 uint32_t mni_frozen_find(const mni_frozen_table *t, uint32_t id) {

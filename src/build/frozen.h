@@ -27,6 +27,7 @@ typedef struct mni_frozen {
     mni_wire_vertex is; /* its record; nobody asks how far it reaches */
     float around;       /* the largest of its neighbours' keys so far (mni_part) */
     bool seen;          /* is.bounds are of something */
+    bool aside;         /* simplices of it are (aside.h): its value is at least its radius */
 } mni_frozen;
 
 typedef struct mni_frozen_table {

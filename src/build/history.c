@@ -109,7 +109,9 @@ static void put_end(mni_history *h, int which, const unsigned char *end) {
     h->pending_bytes[which] = (uint32_t)(end - h->pending[which]);
 }
 
-static void begin_group(mni_history *h) {
+void mni_history_begin(mni_history *h) {
+    if (h->collapses % MNI_HISTORY_GROUP != 0)
+        return;
     group_place place = {h->collapse.size_bytes + h->pending_bytes[COLLAPSE],
                          h->killed.size_bytes + h->pending_bytes[KILLED]};
     unsigned char *to = put_begin(h, GROUP);
@@ -132,7 +134,7 @@ static unsigned char *put_leaves(unsigned char *to, uint32_t leaves, uint32_t sp
     return leaves > 1 ? mni_varint_put(to, split - 1) : to;
 }
 
-static void add_collapse(mni_history *h, const mni_cell_collapse *c) {
+void mni_history_add_collapse(mni_history *h, const mni_cell_collapse *c) {
     uint64_t facts = facts_of(c);
     uint32_t key = mni_float_bits(c->key);
     unsigned char *to = put_begin(h, COLLAPSE);
@@ -146,9 +148,10 @@ static void add_collapse(mni_history *h, const mni_cell_collapse *c) {
     to = mni_varint_put(to, c->simplices);
     put_end(h, COLLAPSE, to);
     h->last_key = key;
+    h->collapses++;
 }
 
-static void add_killed(mni_history *h, const uint32_t corner[3]) {
+void mni_history_add_killed(mni_history *h, const uint32_t corner[3]) {
     unsigned char *to = put_begin(h, KILLED);
     to = mni_varint_put(to, mni_fold(corner[0], h->last_corner));
     to = mni_varint_put(to, mni_fold(corner[1], corner[0]));
@@ -165,18 +168,22 @@ static mn_code trouble_of(mni_history *h, mn_status *st) {
 }
 
 mn_code mni_history_add(mni_history *h, const mni_cell *cell, mn_status *st) {
-    const mn_build_counts *c = &cell->s.counts;
     const uint32_t(*killed)[3] = (const uint32_t(*)[3])cell->killed;
-    for (uint32_t i = 0; i < cell->collapses; i++, h->collapses++) {
-        if (h->collapses % MNI_HISTORY_GROUP == 0)
-            begin_group(h);
-        add_collapse(h, &cell->collapse[i]);
+    for (uint32_t i = 0; i < cell->collapses; i++) {
+        mni_history_begin(h);
+        mni_history_add_collapse(h, &cell->collapse[i]);
         for (uint32_t k = 0; k < cell->collapse[i].simplices; k++)
-            add_killed(h, *killed++);
+            mni_history_add_killed(h, *killed++);
     }
     MN_ASSERT(killed == (const uint32_t(*)[3])cell->killed + cell->killed_count);
     h->killed_count += cell->killed_count;
     h->hinges += cell->hinges;
+    mni_history_count(h, cell);
+    return trouble_of(h, st);
+}
+
+void mni_history_count(mni_history *h, const mni_cell *cell) {
+    const mn_build_counts *c = &cell->s.counts;
     h->counts.boundary_edges += c->boundary_edges;
     h->counts.nonmanifold_edges += c->nonmanifold_edges;
     h->counts.order_violations += c->order_violations;
@@ -185,7 +192,6 @@ mn_code mni_history_add(mni_history *h, const mni_cell *cell, mn_status *st) {
     h->counts.components += c->components;
     for (int i = 0; i < 4; i++)
         h->counts.collapses_by_stage[i] += c->collapses_by_stage[i];
-    return trouble_of(h, st);
 }
 
 mn_code mni_history_end(mni_history *h, mn_status *st) {

@@ -35,6 +35,13 @@ mn_code mni_history_open(mni_history *history, const char *temp_dir, bool keep, 
 void mni_history_close(mni_history *history); /* harmless on a closed one */
 /* A cell that has been given its numbers. */
 mn_code mni_history_add(mni_history *history, const mni_cell *cell, mn_status *st);
+/* The same piece by piece: begin, killed × n, then the collapse that killed so many; what is
+ * counted is the caller's. Whether the disk was full is told by end. */
+void mni_history_begin(mni_history *history);
+void mni_history_add_killed(mni_history *history, const uint32_t corner[3]);
+void mni_history_add_collapse(mni_history *history, const mni_cell_collapse *collapse);
+/* Of a cell, what is counted, its collapses and simplices apart. */
+void mni_history_count(mni_history *history, const mni_cell *cell);
 /* All has been added: before anything is read. */
 mn_code mni_history_end(mni_history *history, mn_status *st);
 

@@ -22,6 +22,7 @@
 #include <string.h>
 
 #include "mn_assert.h"
+#include "aside.h"
 #include "curve.h"
 #include "deal.h"
 #include "give.h"
@@ -44,6 +45,11 @@ enum { SLOW_PART = 8, FAIR_PART = 4 };
  * nothing but cells that grow helps (every vertex joined to places all over the model). */
 enum { SLOW_CELLS = 64, STUCK_PART = 64, STUCK_ROUNDS = 2, STUCK_ROUNDS_IN_ORDER = 12 };
 
+/* A round in whose cells fewer than an INSIDE_PART of the vertices have their rings: the model
+ * cannot be cut, whatever the order. After two of them cells grow, up to so many times what is
+ * usual; then, and where rounds are stuck for good, all simplices are set aside (aside.h). */
+enum { INSIDE_PART = 256, APART_ROUNDS = 2, GROWN_MAX = 8 };
+
 /* Of what is left beside the usual cells, this share is for those that are not; where that is
  * little, more, up to half a cell: the Earth's poles, of 4,320 triangles each, take a third more
  * than is usual, and 16 MB must do for them. */
@@ -54,8 +60,12 @@ enum { THREADS_MAX = 16 };
 /* More triangles, in parts of what a cell has of vertices, and a vertex is in no cell: with one the
  * largest cell is half as large again as is usual, and the Earth's poles have fewer. So many hubs,
  * in parts of it too: each is in every cell. */
-static const double HUB_FAN = 0.625, HUBS_MAX = 0.125;
+static const double HUB_FAN = 0.625, HUBS_MAX = 0.5;
+/* Where cells have hardly a fan, hubs would be all there is. */
+enum { HUB_CELLS_MIN = 64 };
 
+/* A cell that is dealt more triangles, in parts of its vertices, is cut. */
+enum { DENSE_PART = 6 };
 /* Tiles in a cell; samples in a tile of which cells leave as much as they do of surfaces. */
 enum { CELL_TILES = 8, TILE_SAMPLES = 64 };
 /* What a round leaves of its vertices, of 100: 40 in the first, 46 in late ones. */
@@ -79,12 +89,15 @@ typedef struct rounds {
     mni_curve curve, sample_curve; /* the next round's, and that of the one after it */
     float low[3], high[3], step;
     uint32_t round;
-    bool whole;           /* the last one */
-    uint64_t rest_bytes;  /* memory beside cells; 0: no bound */
-    uint64_t cells_bytes; /* for cells, all threads together */
+    bool whole;                      /* the last one */
+    uint64_t rest_bytes;             /* memory beside cells; 0: no bound */
+    uint64_t cells_bytes;            /* for cells, all threads together */
+    uint64_t usual_cells, all_bytes; /* of cells as they are planned; for both */
     int stage;
     uint32_t order, stuck;  /* index of order[]; rounds */
     uint64_t slow_vertices; /* of slow rounds in order */
+    uint32_t apart;         /* rounds whose cells have hardly a ring */
+    bool lone;              /* one cell has all, but for what is aside */
     uint32_t cell_vertices, sample_every;
     uint32_t vertices, cells; /* of this round */
     uint64_t simplices;
@@ -100,6 +113,8 @@ typedef struct rounds {
     bool taking;
     uint64_t used_bytes;   /* by the cells that are open */
     mni_frozen_table told; /* what hubs have come to */
+    uint32_t inside;       /* vertices with all of their ring in their cell */
+    mni_aside aside;
     mni_history *history;
     mn_code code;
     mn_status *st;
@@ -137,9 +152,7 @@ static uint64_t cells_share(const rounds *r, uint64_t work_bytes) {
 static mn_code check_room(const rounds *r, uint64_t bytes) {
     if (bytes <= r->cells_bytes)
         return MN_OK;
-    uint64_t work = r->desc.work_bytes;
-    while (cells_share(r, work) < bytes)
-        work += work / 64;
+    uint64_t work = bytes + REST_BYTES_MIN + TABLES_MAX + r->desc.threads * THREAD_BYTES;
     uint64_t all = (MNI_PROGRAM_BYTES + work) / 10 * 11; /* a part is kept in hand (vdt.c) */
     return mn_fail(r->st, MN_CAP_TOO_SMALL,
                    "a part of the model that cannot be cut takes %llu MB; try --ram %lluM",
@@ -219,9 +232,13 @@ static void fail(rounds *r, const mn_status *st) {
     pthread_cond_broadcast(&r->turn);
 }
 
+static uint32_t made_so_far(const rounds *r) {
+    return r->history->collapses + r->aside.late_count;
+}
+
 static mn_code tell(const rounds *r, mn_status *st) {
-    if (r->desc.progress == NULL || r->desc.progress(r->desc.progress_context, "simplify",
-                                                     r->history->collapses, r->mesh->vertices))
+    if (r->desc.progress == NULL ||
+        r->desc.progress(r->desc.progress_context, "simplify", made_so_far(r), r->mesh->vertices))
         return MN_OK;
     return mn_fail(st, MN_FAILED, "interrupted");
 }
@@ -241,9 +258,18 @@ static mn_code number_cell(rounds *r, uint32_t c, mni_cell *cell, mn_status *st)
         pthread_cond_wait(&r->turn, &r->lock);
     if (r->code != MN_OK)
         return r->code;
-    mni_cell_number(cell, r->history->collapses);
-    mn_code code = mni_history_add(r->history, cell, st);
+    mni_cell_number(cell, made_so_far(r));
+    mn_code code = mni_cell_set_aside(cell, st);
+    if (code == MN_OK && cell->aside_count > 0)
+        code = mni_aside_add(&r->aside, cell, st);
+    if (code == MN_OK && r->aside.all) {
+        code = mni_aside_late(&r->aside, cell, st);
+        mni_history_count(r->history, cell);
+    } else if (code == MN_OK) {
+        code = mni_history_add(r->history, cell, st);
+    }
     mni_cell_forget(cell);
+    r->inside += cell->inside;
     mni_cell_tell_hubs(cell, &r->told);
     if (r->carries)
         mni_frozen_copy(&r->frozen, &r->told);
@@ -281,6 +307,7 @@ static mn_code open_cell(rounds *r, job *j, mn_status *st) {
                           .rings = order[r->order].rings,
                           .frozen = r->stage < 4 || r->whole ? &r->frozen : NULL,
                           .carries = r->carries,
+                          .points = r->aside.all,
                           .poll = {go_on_with, r}};
     if (r->round == 0)
         return open_dealt(j, &desc, st);
@@ -336,7 +363,7 @@ static void *worker(void *context) {
 static mn_code run_round(rounds *r) {
     pthread_t thread[THREADS_MAX];
     uint32_t started = 0;
-    r->taken = r->numbered = 0;
+    r->taken = r->numbered = r->inside = 0;
     while (started + 1 < r->desc.threads && pthread_create(&thread[started], NULL, worker, r) == 0)
         started++;
     worker(r);
@@ -387,6 +414,27 @@ static mn_code open_samples(rounds *r) {
                           .budget_bytes = share_of(r, samples_share, all, MNI_SORT_BUDGET_MIN),
                           .temp_dir = r->desc.temp_dir};
     return mni_sort_open(&r->samples, &desc, r->st);
+}
+
+/* Before cells of so many bytes: where the largest is not usual, buffers make room for it. */
+static mn_code make_room(rounds *r, uint64_t largest) {
+    if (r->desc.work_bytes == 0)
+        return MN_OK;
+    uint64_t most = r->all_bytes - REST_BYTES_MIN;
+    r->cells_bytes = r->usual_cells > largest ? r->usual_cells : largest < most ? largest : most;
+    r->rest_bytes = r->all_bytes - r->cells_bytes;
+    return largest > r->usual_cells ? mni_tiles_empty(r->now, r->st) : MN_OK;
+}
+
+static uint64_t largest_cell(const rounds *r) {
+    uint64_t largest = 0;
+    for (uint32_t c = 0; c < r->cells; c++) {
+        mni_crate crate = mni_tiles_cell(r->now, c);
+        uint64_t bytes = mni_cell_bytes((uint64_t)crate.vertices + r->frozen.count, crate.simplices,
+                                        crate.bytes);
+        largest = bytes > largest ? bytes : largest;
+    }
+    return largest;
 }
 
 /* Of vertices that are dealt: those that are left are sampled by their cells. */
@@ -441,16 +489,47 @@ static bool stays_in_order(rounds *r, uint32_t before, bool stuck) {
     return r->stuck < STUCK_ROUNDS_IN_ORDER && r->slow_vertices <= most;
 }
 
+/* From the next round on vertices are points. */
+static void set_aside(rounds *r) {
+    r->stage = 4;
+    r->order = 0;
+    r->aside.all = true;
+}
+
+/* What nothing else helps: the model is cut into fewer cells, or not any more. */
+static void grow(rounds *r) {
+    if (r->cell_vertices < GROWN_MAX * r->desc.cell_vertices)
+        r->cell_vertices *= 2;
+    else
+        set_aside(r);
+}
+
+static void loosen_stage(rounds *r) {
+    r->stuck = 0;
+    if (r->stage == 3) {
+        grow(r);
+        return;
+    }
+    r->stage++;
+    r->order = 0;
+}
+
 static void loosen(rounds *r) {
     r->stuck = 0;
-    if (r->order < LOOSEST) {
+    if (r->order < LOOSEST)
         r->order++;
-    } else if (r->stage < 3) {
+    else
+        loosen_stage(r);
+}
+
+/* One cell has all that is left, but for what is aside: nothing waits but for stages to come. */
+static void go_on_alone(rounds *r) {
+    if (r->lone && r->stage == 3)
+        set_aside(r);
+    else if (r->lone)
         r->stage++;
-        r->order = 0;
-    } else {
-        r->cell_vertices *= 2;
-    }
+    r->lone = r->carries = true;
+    r->order = 0;
 }
 
 /* What the next round is to do, by what this one has done. */
@@ -459,13 +538,27 @@ static void go_on(rounds *r, uint32_t before, uint32_t made) {
     bool stuck = (uint64_t)made * STUCK_PART < before;
     if (r->stage == 4)
         return;
+    bool inside = (uint64_t)r->inside * 2 > before, carried = r->carries;
+    r->apart = (uint64_t)r->inside * INSIDE_PART < before ? r->apart + 1 : 0;
     r->carries = false;
-    if (r->simplices == 0) {
+    if (largest_cell(r) > usual_bytes((uint64_t)GROWN_MAX * r->desc.cell_vertices) ||
+        (r->aside.count > 0 && r->simplices == 0)) {
+        set_aside(r);
+    } else if (r->aside.count > 0 && r->cells == 1) {
+        go_on_alone(r);
+    } else if (r->simplices == 0) {
         r->stage = 4;
         r->history->counts.components = r->vertices + r->frozen.count;
     } else if (!slow) {
         r->order -= r->order > IN_ORDER || (r->order == IN_ORDER && fair);
         r->stuck = 0;
+    } else if (r->apart >= APART_ROUNDS) {
+        r->apart = 0;
+        grow(r);
+    } else if (stuck && inside && r->frozen.count > 0) { /* it is hubs that all wait for */
+        r->carries = !carried;
+        if (carried)
+            loosen_stage(r);
     } else if (r->order == IN_ORDER) {
         if (!stays_in_order(r, before, stuck))
             loosen(r);
@@ -480,37 +573,6 @@ static void go_on(rounds *r, uint32_t before, uint32_t made) {
     }
 }
 
-/* Before much has been done. What later rounds need is less: a pole's ring comes in parts. */
-static mn_code check_deal(const rounds *r) {
-    uint64_t most = 0;
-    for (uint32_t c = 0; c < r->cells; c++) {
-        uint32_t vertices, triangles;
-        mni_deal_counts(r->deal, c, &vertices, &triangles);
-        uint64_t bytes = mni_cell_dealt_bytes((uint64_t)vertices + r->frozen.count, triangles);
-        most = bytes > most ? bytes : most;
-    }
-    return check_room(r, most);
-}
-
-static mn_code open_deal(rounds *r) {
-    mni_deal_desc desc = {.cells = r->cells,
-                          .sample_every = r->sample_every,
-                          .hub_fan = r->cells > 1 ? (uint32_t)(HUB_FAN * r->cell_vertices) : 0,
-                          .hubs_max = (uint32_t)(HUBS_MAX * r->cell_vertices),
-                          .work_bytes = share_of(r, deal_share, DEAL_BYTES, MNI_DEAL_WORK_MIN),
-                          .temp_dir = r->desc.temp_dir};
-    mn_code code = mni_deal_open(&r->deal, r->mesh, &desc, r->st);
-    if (code != MN_OK)
-        return code;
-    mni_deal_box(r->deal, r->low, r->high);
-    r->step = mni_deal_step(r->deal);
-    uint32_t hubs;
-    const mni_ghost *hub = mni_deal_hubs(r->deal, &hubs);
-    if (!mni_frozen_open(&r->frozen, hub, hubs) || !mni_frozen_open(&r->told, hub, hubs))
-        return mn_fail(r->st, MN_FAILED, "out of memory for %u hubs", hubs);
-    return check_deal(r);
-}
-
 /* Where there are more simplices than a surface has, cells are as much smaller. */
 static uint32_t count_cells(const rounds *r) {
     uint64_t usual = (uint64_t)r->vertices * 5 / 2 + 1, size = r->cell_vertices;
@@ -519,15 +581,63 @@ static uint32_t count_cells(const rounds *r) {
     return (uint32_t)((r->vertices + size - 1) / size);
 }
 
+static uint64_t largest_dealt(const rounds *r) {
+    uint64_t most = 0;
+    for (uint32_t c = 0; c < r->cells; c++) {
+        uint32_t vertices, triangles;
+        mni_deal_counts(r->deal, c, &vertices, &triangles);
+        uint64_t bytes = mni_cell_dealt_bytes((uint64_t)vertices + r->frozen.count, triangles);
+        most = bytes > most ? bytes : most;
+    }
+    return most;
+}
+
+static mn_code try_deal(rounds *r) {
+    const uint32_t cells = count_cells(r);
+    mni_deal_desc desc = {.cells = cells,
+                          .triangles_max = cells > 1 ? DENSE_PART * r->cell_vertices : 0,
+                          .sample_every = r->sample_every,
+                          .hub_fan = cells > 1 && r->cell_vertices >= HUB_CELLS_MIN
+                                         ? (uint32_t)(HUB_FAN * r->cell_vertices)
+                                         : 0,
+                          .hubs_max = (uint32_t)(HUBS_MAX * r->cell_vertices),
+                          .work_bytes = share_of(r, deal_share, DEAL_BYTES, MNI_DEAL_WORK_MIN),
+                          .temp_dir = r->desc.temp_dir};
+    mn_code code = mni_deal_open(&r->deal, r->mesh, &desc, r->st);
+    if (code != MN_OK)
+        return code;
+    r->cells = mni_deal_cells(r->deal);
+    mni_deal_box(r->deal, r->low, r->high);
+    r->step = mni_deal_step(r->deal);
+    uint32_t hubs;
+    const mni_ghost *hub = mni_deal_hubs(r->deal, &hubs);
+    if (!mni_frozen_open(&r->frozen, hub, hubs) || !mni_frozen_open(&r->told, hub, hubs))
+        return mn_fail(r->st, MN_FAILED, "out of memory for %u hubs", hubs);
+    return MN_OK;
+}
+
+static mn_code open_deal(rounds *r) {
+    mn_code code = try_deal(r);
+    uint64_t largest = code == MN_OK ? largest_dealt(r) : 0;
+    if (code == MN_OK)
+        code = make_room(r, largest);
+    if (code == MN_OK)
+        code = check_room(r, largest);
+    if (code != MN_OK || r->desc.work_bytes == 0 || largest <= r->usual_cells)
+        return code;
+    close_deal(r); /* once more, with less memory */
+    mni_frozen_close(&r->frozen);
+    mni_frozen_close(&r->told);
+    return try_deal(r);
+}
+
 static mn_code all_rounds(rounds *r) {
     mn_code code = MN_OK;
     r->stage = 1;
-    r->cells = count_cells(r);
     for (r->round = 0; code == MN_OK && !r->whole; r->round++) {
         uint32_t before = r->history->collapses, vertices = r->vertices;
-        r->whole = r->cells == 1;
-        if (r->round == 0)
-            code = open_deal(r);
+        code = r->round == 0 ? open_deal(r) : make_room(r, largest_cell(r));
+        r->whole = r->cells == 1 && (r->aside.count == 0 || r->aside.all);
         if (code == MN_OK && !r->whole)
             code = open_next(r);
         if (code == MN_OK)
@@ -539,6 +649,16 @@ static mn_code all_rounds(rounds *r) {
     }
     r->history->counts.rounds = r->round;
     return code;
+}
+
+/* What the rounds have taken is given back first. */
+static mn_code finish_aside(rounds *r) {
+    const mni_poll poll = {go_on_with, r};
+    close_samples(r);
+    close_tiles(r, r->now);
+    close_tiles(r, r->next);
+    return mni_aside_finish(&r->aside, r->history, r->desc.work_bytes, r->desc.temp_dir, &poll,
+                            r->st);
 }
 
 uint64_t mni_rounds_work_min(uint32_t cell_vertices) {
@@ -570,7 +690,8 @@ static void plan_memory(rounds *r) {
     uint64_t tiles = (uint64_t)r->vertices * LEFT_PERCENT / 100 * CELL_TILES / r->cell_vertices;
     uint64_t tables = tiles * TILE_BYTES < TABLES_MAX ? tiles * TILE_BYTES : TABLES_MAX;
     uint64_t work = d->work_bytes - (d->threads - 1) * THREAD_BYTES - tables;
-    r->cells_bytes = cells_share(r, work);
+    r->all_bytes = work;
+    r->usual_cells = r->cells_bytes = cells_share(r, work);
     r->rest_bytes = work - r->cells_bytes;
 }
 
@@ -580,6 +701,7 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
                 .desc = *desc,
                 .st = st,
                 .history = out,
+                .aside = MNI_ASIDE_CLOSED,
                 .now = &r.tiles[0],
                 .next = &r.tiles[1],
                 .tiles = {MNI_TILES_CLOSED, MNI_TILES_CLOSED},
@@ -597,7 +719,11 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     plan_memory(&r);
     mn_code code = mni_history_open(out, desc->temp_dir, desc->keep, st);
     if (code == MN_OK)
+        code = mni_aside_open(&r.aside, desc->temp_dir, st);
+    if (code == MN_OK)
         code = all_rounds(&r);
+    if (code == MN_OK && r.aside.all)
+        code = finish_aside(&r);
     if (code == MN_OK)
         code = mni_history_end(out, st);
     close_deal(&r);
@@ -606,6 +732,7 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     close_tiles(&r, &r.tiles[1]);
     mni_frozen_close(&r.frozen);
     mni_frozen_close(&r.told);
+    mni_aside_close(&r.aside);
     malloc_trim(0);
     out->bytes_read += mesh->vertex.bytes_read + mesh->triangle.bytes_read - read_before;
     out->bytes_written +=

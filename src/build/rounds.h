@@ -13,7 +13,8 @@
  * for: so a collapse of a late round that was cheap stands among the cheap ones.
  * Vertices of too many simplices for a cell are frozen.h's: their simplices go where the other
  * corners go. Once rounds do nothing more in any order, one carries these hubs through its cells,
- * one after the other, so that what is left at them can go into them.
+ * one after the other, so that what is left at them can go into them. What cannot be cut at all is
+ * set aside (aside.h).
  * What comes out depends on the mesh and the options, never on memory or the number of threads.
  *
  * One call, which starts its threads and ends them; it blocks on temporary files. Memory: cells and

@@ -122,6 +122,17 @@ void mni_tiles_put(mni_tiles *t, mni_parcel *head, unsigned char *parcel) {
     pthread_mutex_unlock(&t->lock);
 }
 
+mn_code mni_tiles_empty(mni_tiles *t, mn_status *st) {
+    if (t->used_bytes > 0)
+        flush(t);
+    free(t->buffer);
+    t->buffer = NULL;
+    t->buffer_bytes = 0;
+    if (t->spill.trouble.code != MN_OK)
+        mn_fail(st, t->spill.trouble.code, "%s", t->spill.trouble.text);
+    return t->spill.trouble.code;
+}
+
 /* ---- cells ---------------------------------------------------------------------------------- */
 
 /* As many vertices as it takes room for. A surface has twice as many simplices. */

@@ -76,6 +76,8 @@ uint32_t mni_tiles_find(const mni_tiles *t, uint64_t key, uint32_t id);
 /* Behind the parcel's head come its sections; the head's before is filled in. Failures are told by
  * finish. */
 void mni_tiles_put(mni_tiles *t, mni_parcel *head, unsigned char *parcel);
+/* What is in memory goes to the file, and its buffer: when all has been put. */
+mn_code mni_tiles_empty(mni_tiles *t, mn_status *st);
 /* Cells of about so many vertices, or of as many simplices as a surface of these has; one, if all
  * fits. */
 mn_code mni_tiles_finish(mni_tiles *t, uint32_t cell_vertices, mn_status *st);

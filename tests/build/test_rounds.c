@@ -436,16 +436,80 @@ static void make_crowd(random_mesh *m, uint32_t hubs, uint32_t n) {
             put_point(m, 10 + hub, sin(round), cos(round));
             put_triangle(m, hub, first + i, first + (i + 1) % n);
         }
-    write_out(m);
 }
+
+typedef enum uncut { CROWD, PENCILS, SCATTERED, UNCUT_KINDS } uncut;
+
+/* What has no cells: too many hubs, triangles among hubs alone, corners all over the model. */
+static void make_uncut(random_mesh *m, uncut kind) {
+    if (kind == CROWD)
+        make_crowd(m, 300, 120);
+    else if (kind == PENCILS)
+        make_hubs(m, PENCIL, 2, 4000);
+    else
+        make_soup(m, 6000, 12000, 1);
+    if (kind != PENCILS)
+        write_out(m);
+}
+
+static uint32_t count_components(const mn_mesh *mesh) {
+    uint32_t *of = malloc(mesh->vertices * sizeof *of), count = mesh->vertices;
+    for (uint32_t v = 0; v < mesh->vertices; v++)
+        of[v] = v;
+    for (size_t i = 0; i < 3 * (size_t)mesh->triangles; i++) {
+        uint32_t a = mesh->corner[i], b = mesh->corner[i / 3 * 3];
+        while (of[a] != a)
+            a = of[a] = of[of[a]];
+        while (of[b] != b)
+            b = of[b] = of[of[b]];
+        of[a] = b;
+        count -= a != b;
+    }
+    free(of);
+    return count;
+}
+
+/* The tree is sound, and no sample of the input is farther than its values say. */
+static void check_tree(mni_history *h, const random_mesh *m) {
+    mn_tree tree;
+    mn_status st = {0};
+    mn_error_result e;
+    ck_assert_msg(mni_history_tree(h, &m->mesh, m->vertex_of, &tree, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(mn_tree_check(&tree, &st) == MN_OK, "%s", st.text);
+    for (uint32_t part = 2; part <= 50; part *= 5) {
+        ck_assert_msg(mn_error_measure(&tree, tree.triangles / part, 2000, 1, NULL, &e, &st) ==
+                          MN_OK,
+                      "%s", st.text);
+        ck_assert_uint_le(e.dishonest * 1000, e.samples);
+    }
+    mn_tree_free(&tree);
+}
+
+START_TEST(what_cannot_be_cut_is_built) {
+    random_mesh m;
+    mni_rounds_desc desc = {.cell_vertices = 400, .temp_dir = "/tmp"};
+    make_uncut(&m, (uncut)_i);
+    mni_history first = make_history(&m, &desc);
+    ck_assert_uint_eq(first.counts.components, count_components(&m.mesh));
+    check_tree(&first, &m);
+    for (desc.threads = 1; desc.threads <= 3; desc.threads++) {
+        desc.work_bytes = mni_rounds_work_min(desc.cell_vertices) * (2 + desc.threads);
+        mni_history other = make_history(&m, &desc);
+        check_same(&first, &other);
+        mni_history_close(&other);
+    }
+    mni_history_close(&first);
+    drop(&m);
+}
+END_TEST
 
 START_TEST(too_small_a_cap_names_one_that_does) {
     random_mesh m;
     mni_history h;
     mn_status st = {0};
-    mni_rounds_desc desc = {
-        .cell_vertices = _i == 0 ? 400 : 2000, .threads = 2 - (uint32_t)_i, .temp_dir = "/tmp"};
-    make_crowd(&m, _i == 0 ? 120 : 300, _i == 0 ? 200 : 240);
+    mni_rounds_desc desc = {.cell_vertices = 1000, .threads = 2 - (uint32_t)_i, .temp_dir = "/tmp"};
+    make_soup(&m, 6000, 12000, 1);
+    write_out(&m);
     for (int i = 0; i < 2; i++) {
         desc.work_bytes = i == 0 ? 1 << 20 : mni_rounds_work_min(desc.cell_vertices);
         st = (mn_status){0};
@@ -522,6 +586,7 @@ int main(void) {
     tcase_add_test(tc, what_is_out_of_order_has_a_bound);
     tcase_add_loop_test(tc, poles_stay_in_order, 0, 2);
     tcase_add_loop_test(tc, fans_are_larger_than_cells, 0, 2 * (PENCIL + 1));
+    tcase_add_loop_test(tc, what_cannot_be_cut_is_built, 0, UNCUT_KINDS);
     tcase_add_test(tc, no_memory_to_deal_in_is_told);
     tcase_add_loop_test(tc, too_small_a_cap_names_one_that_does, 0, 2);
     tcase_add_loop_test(tc, a_disk_that_fills, 0, 2);
