@@ -107,6 +107,12 @@ static bool progress(void *context, const char *phase, uint64_t done, uint64_t t
     return cli_progress(&b->meter, phase, done, total);
 }
 
+/* The mesh has been read: what is needed is known better. */
+static mn_code plan_disk(void *context, uint64_t bytes, mn_status *st) {
+    build_steps *b = context;
+    return temp_plan(&b->temp, bytes, b->out, st);
+}
+
 static void take_words(build_steps *b, const words *w) {
     b->out = w->out;
     b->json = w->json;
@@ -123,6 +129,7 @@ static void take_words(build_steps *b, const words *w) {
                            .work_bytes = w->work_bytes,
                            .position_bits = (uint32_t)w->position_bits,
                            .threads = w->threads != 0 ? (uint32_t)w->threads : host_cpus(""),
+                           .disk = plan_disk,
                            .progress = progress,
                            .progress_context = b};
     b->block = (mn_block_desc){.blocking = (mn_blocking)w->blocking,

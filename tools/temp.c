@@ -146,15 +146,14 @@ static uint64_t kept_bytes(const char *work) {
     return bytes;
 }
 
-mn_code temp_check(const temp_files *files, const char *out, mn_status *st) {
+/* Of the disk: what is free, and what this build has of it, which is a part of what is planned. */
+static mn_code check(const temp_files *files, uint64_t held_bytes, const char *out, mn_status *st) {
     struct statvfs disk;
     if (statvfs(files->folder, &disk) != 0)
         return mn_fail(st, MN_FAILED, "%s: %s; name another folder with --temp-dir", files->folder,
                        strerror(errno));
     const double planned = (double)files->planned_bytes;
-    /* what is kept is gone on with, as a part of what is planned, or cleared */
-    const double left =
-        (double)disk.f_bavail * (double)disk.f_frsize + (double)kept_bytes(files->work);
+    const double left = (double)disk.f_bavail * (double)disk.f_frsize + (double)held_bytes;
     if (left < planned)
         return mn_fail(
             st, MN_NO_SPACE,
@@ -165,6 +164,20 @@ mn_code temp_check(const temp_files *files, const char *out, mn_status *st) {
         fprintf(stderr, "metanode: up to %.1f MB of temporary files in %s, %.1f MB are free\n",
                 planned / MEGABYTE, files->folder, left / MEGABYTE);
     return MN_OK;
+}
+
+mn_code temp_check(const temp_files *files, const char *out, mn_status *st) {
+    /* what is kept is gone on with, or cleared */
+    return check(files, kept_bytes(files->work), out, st);
+}
+
+mn_code temp_plan(temp_files *files, uint64_t bytes, const char *out, mn_status *st) {
+    if (bytes <= files->planned_bytes)
+        return MN_OK;
+    files->planned_bytes = bytes;
+    files->looked_s = 0;
+    temp_look(files);
+    return check(files, files->held_bytes, out, st);
 }
 
 /* Bytes on disk of an open file without a name; 0: it has one. */

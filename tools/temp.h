@@ -37,6 +37,9 @@ void temp_end(const temp_files *files);
 /* MN_NO_SPACE where the folder's disk has less room than what is planned; what an earlier build has
  * kept counts as room. On a terminal that plan is told, on standard error. out: for whose sake. */
 mn_code temp_check(const temp_files *files, const char *out, mn_status *st);
+/* So many bytes are planned from now on, if that is more than was: checked as above, what the build
+ * holds by now counts as room; told on a terminal. */
+mn_code temp_plan(temp_files *files, uint64_t bytes, const char *out, mn_status *st);
 /* Adds up what this process holds, by its open files. At most 20 times a second; otherwise nothing
  * is done. */
 void temp_look(temp_files *files);

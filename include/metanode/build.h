@@ -151,6 +151,10 @@ typedef struct mn_simplify_desc {
                                MN_POSITION_BITS */
     uint32_t threads;       /* of rounds; 0: 1 */
     const char *temp_dir;   /* of rounds; NULL: the working directory */
+    /* mn_vdt_make: the mesh has been read, and with the output up to so many bytes of temporary
+     * files are needed, what has been made included. NULL: nobody asks. Other than MN_OK: the call
+     * ends with that. */
+    mn_code (*disk)(void *progress_context, uint64_t bytes, mn_status *st);
     mn_progress progress;
     void *progress_context;
 } mn_simplify_desc;

@@ -157,6 +157,7 @@ static bool write_triangles(mni_extintake *x) {
             t.corner[i] = vertex_of(x, t.corner[i]);
         mni_exttriangle_put(&w, &t, &last);
         mni_ext_edges_add(x, &t, (uint32_t)(p->low >> 1));
+        x->result.crossings += mni_exttriangle_crossings(&t);
         x->result.triangles++;
     }
     mni_spill_end(&w);

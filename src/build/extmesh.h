@@ -34,6 +34,7 @@ typedef struct mni_extmesh {
     int unit;        /* positions, but not grid_step, count in 2^unit (unit.h) */
     mn_intake intake;
     uint64_t boundary_edges, nonmanifold_edges;
+    uint64_t crossings; /* of triangles between thousands of vertices: mni_exttriangle_crossings */
     uint64_t bytes_read, bytes_written; /* of temporary files, on the way */
 } mni_extmesh;
 

@@ -19,6 +19,7 @@
 #include "clock.h"
 #include "grid.h"
 #include "mnt_spill.h"
+#include "need_disk.h"
 #include "order.h"
 #include "reader.h"
 #include "rounds.h"
@@ -83,7 +84,7 @@ typedef struct read_facts {
     uint64_t vertices, triangles;
     double origin[3];
     mn_intake intake;
-    uint64_t boundary_edges, nonmanifold_edges;
+    uint64_t boundary_edges, nonmanifold_edges, crossings;
     float grid_step;
     uint32_t has_colors, welded;
     int32_t unit;
@@ -129,6 +130,7 @@ static read_facts facts_of_mesh(const maker *m) {
     f.intake = m->mesh.intake;
     f.boundary_edges = m->mesh.boundary_edges;
     f.nonmanifold_edges = m->mesh.nonmanifold_edges;
+    f.crossings = m->mesh.crossings;
     f.grid_step = m->mesh.grid_step;
     f.has_colors = m->mesh.has_colors;
     f.welded = m->mesh.welded;
@@ -144,6 +146,7 @@ static void take_mesh_facts(maker *m, const read_facts *f) {
     m->mesh.intake = f->intake;
     m->mesh.boundary_edges = f->boundary_edges;
     m->mesh.nonmanifold_edges = f->nonmanifold_edges;
+    m->mesh.crossings = f->crossings;
     m->mesh.grid_step = f->grid_step;
     m->mesh.has_colors = f->has_colors != 0;
     m->mesh.welded = f->welded != 0;
@@ -367,6 +370,15 @@ static mn_code order_phase(maker *m) {
     return keep_tree(m);
 }
 
+/* By what has been read. */
+static mn_code plan_disk(maker *m) {
+    const uint64_t ram =
+        m->simplify.work_bytes != 0 ? m->simplify.work_bytes : m->simplify.ram_bytes;
+    const uint64_t bytes = mni_vdt_temp_bytes_of(&m->mesh, ram);
+    return m->simplify.disk == NULL ? MN_OK
+                                    : m->simplify.disk(m->simplify.progress_context, bytes, m->st);
+}
+
 /* From the phase after the last that was finished. */
 static mn_code go_through(maker *m) {
     mn_phase done = m->work != NULL ? mn_work_done(m->work) : MN_PHASE_NONE;
@@ -389,6 +401,8 @@ static mn_code go_through(maker *m) {
     }
     if (code == MN_OK)
         code = plan_memory(m, m->mesh.vertices);
+    if (code == MN_OK && done < MN_PHASE_SIMPLIFY)
+        code = plan_disk(m);
     if (code == MN_OK && done < MN_PHASE_SIMPLIFY)
         code = simplify_phase(m);
     malloc_trim(0);

@@ -153,6 +153,14 @@ static void compare(const mn_mesh *mesh, mni_extmesh *x) {
     mni_exttriangle *t = load_triangles(x);
     for (uint64_t i = 1; i < x->triangles; i++) /* along the vertices' order */
         ck_assert_uint_ge(t[i].corner[0], t[i - 1].corner[0]);
+    uint64_t crossings = 0;
+    for (uint64_t i = 0; i < 3 * x->triangles;
+         i++) { /* corners in thousands that no earlier is in */
+        const uint32_t *c = t[i / 3].corner;
+        crossings += i % 3 > 0 && c[i % 3] / 1024 != c[0] / 1024 &&
+                     (i % 3 == 1 || c[2] / 1024 != c[1] / 1024);
+    }
+    ck_assert_uint_eq(x->crossings, crossings);
     compare_vertices(mesh, v, x->unit);
     compare_triangles(mesh, v, t, x->unit);
     free(v);

@@ -215,6 +215,44 @@ full_disks() {
     check "some full disks are gone on with" test "$kept" -gt 0
 }
 
+# corners VERTICES TRIANGLES: a mesh whose triangles join places all over it.
+corners() {
+    awk -v seed="$seed" -v v="$1" -v t="$2" 'BEGIN {
+        srand(seed)
+        print "ply\nformat ascii 1.0\nelement vertex " v "\nproperty float x\nproperty float y\nproperty float z"
+        print "element face " t "\nproperty list uchar int vertex_indices\nend_header"
+        for (i = 0; i < v; i++) print rand(), rand(), rand()
+        for (i = 0; i < t; i++) {
+            a = int(v * rand()); b = (a + 1 + int((v - 1) * rand())) % v
+            do c = int(v * rand()); while (c == a || c == b)
+            print 3, a, b, c
+        }
+    }'
+}
+
+# What triangles take that cross the model is known when they have been read: the plan is another then.
+plan_of_corners() {
+    local planned
+    corners 3000 60000 >corners.ply
+    expect 0 corners build corners.ply -o corners.mnt --ram 24M --json || return 0
+    planned=$(figures temp_bytes_planned)
+    holds "corners: the peak is within the plan" "$(figures temp_bytes_peak) <= $planned"
+    check "corners: sound" "$metanode" verify corners.mnt --against corners.ply
+    mkdir -p disk
+    if ! mount -t tmpfs -o "size=$((planned / 2))" none disk 2>"$err"; then
+        skip "no disk can be mounted ($(head -n 1 "$err"))"
+        return 0
+    fi
+    expect 4 "corners: half a disk" build corners.ply -o again.mnt --ram 24M --temp-dir disk &&
+        one_line "corners: half a disk" again.mnt "MB are needed" reading kept --resume
+    check "corners: no output" test ! -e again.mnt
+    mount -o "remount,size=$((planned + (1 << 20)))" disk
+    expect 0 "corners: more disk" build corners.ply -o again.mnt --ram 24M --resume
+    check "corners: the same bytes" cmp corners.mnt again.mnt
+    check "corners: nothing is left" test -z "$(ls -A disk)"
+    umount disk
+}
+
 # A --temp-dir that is forgotten is remembered; one that holds nothing is refused.
 elsewhere() {
     rm -rf here temp && mkdir here temp other
@@ -285,6 +323,7 @@ part refusals
 part interrupts
 part nohups
 part full_disks
+part plan_of_corners
 part elsewhere
 part moved
 finish
