@@ -40,8 +40,7 @@ enum { RANKS = 32, PLACES = 1 << 27, HALF_DOUBLING_BITS = 22 };
 #define CLOCK_MAX                                                                                  \
     1000 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet               \
           */
-#define EARLY_FILL 0.92 /* of the scarcest room, up to which there are early splits … */
-#define EARLY_KEPT 0.96 /* … and they stay */
+#define EARLY_FILL 0.98 /* of the scarcest room, up to which there are early splits */
 #define LOOK (-1.0f)    /* due now: the clock of motion begins at 0 */
 #define NEVER INFINITY  /* nobody is in the slot: who comes sets it */
 
@@ -799,9 +798,9 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     /* with a budget, or where there was no room, it is the error that decides, to the last bit */
     nav->by_place = nav->ops_max == 0 && nav->triangles_max == 0 && nav->work.refused_px == 0 &&
                     nav->front.active >= MNI_PLACES_MIN;
-    nav->work = (mni_work){0};
     nav->early = nav->looks_ahead && nav->ahead.look.moves && used_px > 0 && nav->ops_max == 0 &&
-                 nav->triangles_max == 0 && fill(nav) < EARLY_KEPT;
+                 nav->triangles_max == 0 && nav->work.refused_px == 0;
+    nav->work = (mni_work){0};
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */
     MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_COLLAPSES, 0, 0);
@@ -810,11 +809,10 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     split_pass(nav);
     if (nav->looks_ahead) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
-        if (nav->early) {
-            mni_ahead_scan(&nav->ahead, &nav->front);
-            MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_EARLY_SPLITS, 0, 0);
+        mni_ahead_scan(&nav->ahead, &nav->front);
+        MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_EARLY_SPLITS, 0, 0);
+        if (nav->early)
             early_pass(nav);
-        }
     }
     nav->moved = moved;
 }

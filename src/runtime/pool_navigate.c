@@ -10,12 +10,11 @@
  * The rules (design.md §4, repairs a and b), with K the place holders in service, U the blocks in
  * use, A the ancestor table and G the grants not in use:
  *
- *   packed   switch down     |A| + added + (G outside A) <= K
- *   levels   switch down     K - (U + 1) - G - (being read for no grant) >= 1; while it is only the
- *                            reads that stand in the way, the answer is "absent": they will end
- *            urgent down     K - U - G >= 3
- *   both     overflow        as a switch down that adds to G alone
- *   both     K >= blocks     no rule: each block has a place of its own
+ *   packed   switch down     |A| + added + (G outside A) <= K, less what is left for what is to
+ * come levels   switch down     K - (U + 1) - G - (being read for no grant) >= 1; while it is only
+ * the reads that stand in the way, the answer is "absent": they will end urgent down     K - U - G
+ * >= 3 both     overflow        as a switch down that adds to G alone both     K >= blocks     no
+ * rule: each block has a place of its own
  */
 #include "mn_assert.h"
 #include "frame.h"
@@ -28,6 +27,11 @@ enum { URGENT_DOWN_SPARE = 3 }; /* paper §3.3.2: a split adds at most two, one 
 
 static uint32_t k_in_service(const mni_pool *pool) {
     return pool->holders.k - pool->holders.count[MNI_HOLDER_RETIRED];
+}
+
+/* Place holders that packed blocks in use and their ancestors may have. */
+static int64_t k_to_use(const mni_pool *pool) {
+    return mni_store_k_to_use(pool->header, k_in_service(pool), pool->prefetch);
 }
 
 /* By how much the rules fail; 0 and below: they hold. own: the block's own grant, or
@@ -45,7 +49,7 @@ static int64_t down_lacks(const mni_pool *pool, const mni_wish *wish, uint32_t o
         return 0;
     if (pool->header->blocking == MN_BLOCKING_PACKED) {
         int64_t outside = (int64_t)pool->grants.idle_outside - (grant != NULL && grant->outside);
-        return (int64_t)wish->table_count + wish->adds + outside - k;
+        return (int64_t)wish->table_count + wish->adds + outside - k_to_use(pool);
     }
     int64_t spare = k - (wish->in_use + 1) - ((int64_t)pool->grants.idle - (grant != NULL));
     *loads = spare >= 1;
@@ -70,7 +74,7 @@ static int64_t overflow_lacks(const mni_pool *pool, const mni_wish *wish, uint32
     if (has || k >= pool->header->blocks)
         return 0; /* counted already */
     if (pool->header->blocking == MN_BLOCKING_PACKED)
-        return (int64_t)wish->table_count + pool->grants.idle_outside + 1 - k;
+        return (int64_t)wish->table_count + pool->grants.idle_outside + 1 - k_to_use(pool);
     return 1 - (k - wish->in_use - ((int64_t)pool->grants.idle + 1));
 }
 
@@ -79,7 +83,7 @@ static int64_t overflow_lacks(const mni_pool *pool, const mni_wish *wish, uint32
 int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use) {
     int64_t k = k_in_service(pool);
     if (pool->header->blocking == MN_BLOCKING_PACKED)
-        return k - table_count - (int64_t)pool->grants.idle_outside;
+        return k_to_use(pool) - table_count - (int64_t)pool->grants.idle_outside;
     return k - in_use - (int64_t)pool->grants.idle;
 }
 
@@ -131,9 +135,8 @@ static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, u
     MN_ASSERT(pool->locked);
     uint32_t parent_id = wish->way == MNI_WAY_OVERFLOW ? MN_NONE : wish->parent.id;
     if (pool->early > 0) {
-        if (lacks <= 0)
-            mni_pool_ahead(pool, wish->ref, parent_id, pool->early);
-        return lacks > 0 ? MNI_REFUSED : MNI_ABSENT;
+        mni_pool_ahead(pool, wish->ref, parent_id, pool->early);
+        return MNI_ABSENT; /* there may be room when it is wanted */
     }
     if (lacks > 0) {
         pool->stats.urgent_down_refused++;

@@ -9,12 +9,16 @@
 #include "mn_assert.h"
 #include "store_kind.h"
 
+/* One in so many of the place holders above the fewest: what two frames of a fast dive bring. */
+enum { TO_COME_SHARE = 16 };
+
 struct mni_store {
     /* const after open */
     const mni_store_kind *kind;
     void *blocks; /* the kind's own */
     const mn_header *header;
-    uint32_t places; /* place holders, when they are fewer than blocks; else 0 */
+    uint32_t
+        places; /* that may be in use, when there are fewer place holders than blocks; else 0 */
     /* Navigate only */
     mni_ancestors table;
     uint32_t absent_id;           /* the last MNI_ABSENT */
@@ -52,6 +56,12 @@ uint32_t mni_store_k_min(const mn_header *header) {
     if (header->blocking == MN_BLOCKING_LEVELS)
         return (roots + 3 > 5 ? roots + 3 : 5) + header->overflow_max;
     return header->block_depth + 2 + header->overflow_max + (roots - 1);
+}
+
+uint32_t mni_store_k_to_use(const mn_header *header, uint32_t k, mn_prefetch prefetch) {
+    if (prefetch != MN_PREFETCH_AHEAD || header->blocking != MN_BLOCKING_PACKED)
+        return k;
+    return k - (k - mni_store_k_min(header)) / TO_COME_SHARE;
 }
 
 mn_code mni_store_can(const mn_header *header, mn_store_kind kind, const char *path,
@@ -154,7 +164,8 @@ mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store *
     mni_store *store = mni_arena_take(arena, 1, sizeof *store, _Alignof(mni_store));
     store->kind = kind_of(desc->kind);
     store->header = desc->header;
-    store->places = desc->kind == MN_STORE_PAGED && desc->k < desc->header->blocks ? desc->k : 0;
+    if (desc->kind == MN_STORE_PAGED && desc->k < desc->header->blocks)
+        store->places = mni_store_k_to_use(desc->header, desc->k, desc->prefetch);
     mni_ancestors_open(&store->table, mni_store_entries_max(desc->header, desc->kind, desc->k),
                        arena);
     mn_code code = store->kind->open(desc, arena, &store->blocks, st);

@@ -88,6 +88,10 @@ typedef struct mni_store_desc {
 mn_code mni_store_can(const mn_header *header, mn_store_kind kind, const char *path, mn_status *st);
 /* levels: max(5, roots + 3). packed: depth of the block tree + 2 + longest overflow chain. */
 uint32_t mni_store_k_min(const mn_header *header);
+/* Of so many place holders (at least k_min), those that blocks in use and their ancestors may have.
+ * packed, with MN_PREFETCH_AHEAD: a sixteenth of the rest is left for what is to come, or whatever
+ * is new would have to be missed first where the pool is full. */
+uint32_t mni_store_k_to_use(const mn_header *header, uint32_t k, mn_prefetch prefetch);
 /* What open takes from the arena for that many place holders; for the plan. */
 size_t mni_store_need_bytes(const mn_header *header, mn_store_kind kind, uint32_t k);
 /* Of look_bytes, which it counts: what the longest look may have. */
