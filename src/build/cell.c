@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "freeze.h"
+#include "mem.h"
 #include "mn_assert.h"
 
 static const mni_frozen_table no_hubs;
@@ -51,6 +52,7 @@ static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, 
     if (cell->node == NULL || s->part.closed == NULL || s->part.ring == NULL ||
         s->part.id == NULL || s->part.key == NULL)
         return no_memory(vertices, st);
+    mni_mem_populate(cell->node, vertices * sizeof *cell->node);
     return MN_OK;
 }
 
@@ -503,6 +505,8 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
         free(of);
         return mn_fail(st, MN_FAILED, "out of memory for %u collapses", made->count);
     }
+    mni_mem_populate(cell->collapse, made->count * sizeof *cell->collapse);
+    mni_mem_populate(of, made->count * sizeof *of);
     cell->collapses = made->count;
     for (uint32_t i = 0; i < made->count; i++) {
         uint32_t left = made->left[i], right = made->right[i];

@@ -2,6 +2,7 @@
 #include "curve.h"
 
 enum { BITS = MNI_CURVE_SIDE_BITS, SIDE = 1 << BITS };
+_Static_assert(BITS <= 21, "three of them fit 64 bits");
 
 mni_curve mni_curve_make(const float low[3], const float high[3], uint32_t round) {
     /* Multiples of irrational numbers that have nothing to do with each other: shifts of any
@@ -26,6 +27,16 @@ uint64_t mni_curve_place(const mni_curve *c, const float p[3]) {
     return place;
 }
 
+/* Bit b goes to 3 b. */
+static uint64_t spread(uint32_t x) {
+    uint64_t s = x;
+    s = (s | s << 32) & UINT64_C(0x001f00000000ffff);
+    s = (s | s << 16) & UINT64_C(0x001f0000ff0000ff);
+    s = (s | s << 8) & UINT64_C(0x100f00f00f00f00f);
+    s = (s | s << 4) & UINT64_C(0x10c30c30c30c30c3);
+    return (s | s << 2) & UINT64_C(0x1249249249249249);
+}
+
 uint64_t mni_curve_place_key(const mni_curve *c, uint64_t place) {
     uint32_t x[3];
     for (uint32_t i = 0; i < 3; i++) {
@@ -43,9 +54,5 @@ uint64_t mni_curve_place_key(const mni_curve *c, uint64_t place) {
     uint32_t flip = 0;
     for (uint32_t bit = SIDE / 2; bit > 1; bit /= 2)
         flip ^= x[2] & bit ? bit - 1 : 0;
-    uint64_t key = 0;
-    for (int b = BITS - 1; b >= 0; b--)
-        for (int i = 0; i < 3; i++)
-            key = key << 1 | (((x[i] ^ flip) >> b) & 1);
-    return key;
+    return spread(x[0] ^ flip) << 2 | spread(x[1] ^ flip) << 1 | spread(x[2] ^ flip);
 }

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "mem.h"
 #include "mn_assert.h"
 
 /* k's fan is walked whole for the link condition up to this length; a longer one (a pole) is asked
@@ -35,6 +36,7 @@ mn_code mni_judge_room(mni_judge *j, uint32_t vertices, uint32_t triangles, mn_s
         mni_judge_close(j);
         return mn_fail(st, MN_FAILED, "out of memory while simplifying %u triangles", triangles);
     }
+    mni_mem_populate(j->normal, (size_t)triangles * 3 * sizeof *j->normal);
     return MN_OK;
 }
 

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
+#include "mem.h"
 #include "mn_assert.h"
 
 enum { LINE_BYTES = 64, HUGE_BYTES = 2 << 20 };
@@ -57,6 +58,10 @@ mn_code mni_surface_room(mni_surface *s, uint32_t vertices, uint32_t triangles, 
         mni_surface_close(s);
         return no_memory(st);
     }
+    mni_mem_populate(s->simplex, simplices * sizeof *s->simplex);
+    mni_mem_populate(s->origin, (size_t)simplices * 3 * sizeof *s->origin);
+    mni_mem_populate(s->vertex, vertices * sizeof *s->vertex);
+    mni_mem_populate(s->pool, (s->pool_room - triangles) * sizeof *s->pool);
     return MN_OK;
 }
 

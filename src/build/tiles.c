@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "mem.h"
 #include "mn_assert.h"
 
 /* Whether the tile that begins there begins behind a vertex. */
@@ -228,6 +229,7 @@ mn_code mni_tiles_take(mni_tiles *t, mni_crate *c, mn_status *st) {
     c->parcel = malloc(((size_t)c->parcels + 1) * sizeof *c->parcel);
     if (c->content == NULL || c->parcel == NULL)
         return no_memory(st);
+    mni_mem_populate(c->content, (size_t)c->bytes);
     pthread_mutex_lock(&t->lock);
     for (uint32_t i = c->first_tile; i < c->end_tile && t->spill.trouble.code == MN_OK; i++)
         to = take_tile(t, &t->tile[i], c, &next, to);

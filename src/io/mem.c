@@ -1,13 +1,17 @@
-/* The arena: one anonymous mapping, carved and then sealed. See mem.h. */
+/* The arena: one anonymous mapping, carved and then sealed; and pages in advance. See mem.h. */
 #include "mem.h"
 
 #include <errno.h>
+#include <stdint.h>
 #include <string.h>
 #include <sys/mman.h>
 
 #include "mn_assert.h"
 
 enum { PAGE_BYTES = 4096 };
+#ifndef MADV_POPULATE_WRITE /* Linux 5.14 */
+#define MADV_POPULATE_WRITE 23
+#endif
 
 mn_code mni_arena_open(mni_arena *arena, size_t size_bytes, mn_status *st) {
     size_t size = (size_bytes + PAGE_BYTES - 1) / PAGE_BYTES * PAGE_BYTES;
@@ -43,4 +47,12 @@ void mni_arena_close(mni_arena *arena) {
     if (arena->base != NULL)
         munmap(arena->base, arena->size_bytes);
     memset(arena, 0, sizeof *arena);
+}
+
+void mni_mem_populate(void *memory, size_t size_bytes) {
+    char *p = memory;
+    size_t before = (PAGE_BYTES - (uintptr_t)p % PAGE_BYTES) % PAGE_BYTES;
+    if (p == NULL || size_bytes < before + PAGE_BYTES)
+        return;
+    madvise(p + before, (size_bytes - before) / PAGE_BYTES * PAGE_BYTES, MADV_POPULATE_WRITE);
 }

@@ -26,6 +26,9 @@ mn_code mni_arena_open(mni_arena *arena, size_t size_bytes, mn_status *st);
 void *mni_arena_take(mni_arena *arena, size_t count, size_t size, size_t align);
 void mni_arena_seal(mni_arena *arena);
 void mni_arena_close(mni_arena *arena);
+/* Memory that has just been taken and will be written to from end to end: its pages come at once,
+ * where the kernel knows how, and not by a fault each. For haste alone. */
+void mni_mem_populate(void *memory, size_t size_bytes);
 /* What mni_arena_take(count, size, align) uses at most; for the plan's sums. */
 size_t mni_arena_need(size_t count, size_t size, size_t align);
 
