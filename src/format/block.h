@@ -136,6 +136,12 @@ void mni_block_reopen(mni_block *view, const void *bytes);
 void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out);
 /* The same but for what a split does not ask for: the node's own facts, and where exits lead. */
 void mni_block_split(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out);
+/* What mni_block_split will read, asked for ahead of time; the bytes may be gone meanwhile. */
+static inline void mni_block_fetch(const mni_block *view, uint32_t node) {
+    const uint8_t *row = view->node_rows + ((uint64_t)node * view->node_bits >> 3);
+    __builtin_prefetch(row);
+    __builtin_prefetch(row + 64);
+}
 /* A node's own facts alone. */
 void mni_block_facts(const mni_block *view, uint32_t node, mni_facts *out);
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out);

@@ -350,6 +350,14 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
     return MNI_BAD;
 }
 
+void mni_front_fetch_record(const mni_front *f, uint32_t slot) {
+    const mni_entry own = mni_front_entry(f, f->node[slot].parent, slot);
+    const mni_front_view *view = &f->view[own % MNI_FRONT_VIEWS];
+    if (view->entry == own)
+        mni_block_fetch(&view->block, f->face[slot].index);
+    __builtin_prefetch(&f->position[3 * (size_t)slot]);
+}
+
 mni_entry mni_front_exit(mni_front *f, uint32_t slot, mn_block_ref *ref, mni_note *note) {
     MN_ASSERT(mni_front_is_active(f, slot) && (f->node[slot].flags & MNI_NODE_EXIT) != 0);
     mni_entry own = mni_front_entry(f, f->node[slot].parent, slot);

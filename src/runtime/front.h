@@ -213,6 +213,8 @@ static inline void mni_front_fetch_node(const mni_front *front, uint32_t slot) {
 }
 void mni_front_fetch_simplices(const mni_front *front, uint32_t slot, bool leaves);
 void mni_front_fetch_ring(const mni_front *front, uint32_t slot);
+/* And its place and row in a block that is at hand; its parent has been asked for before. */
+void mni_front_fetch_record(const mni_front *front, uint32_t slot);
 
 /* Splits an active inner node that nothing blocks: *branch is what it becomes. The block where the
  * node counts stays in use until release, so that unsplit, the exact inverse, cannot fail. */

@@ -163,8 +163,8 @@ static void wake(mni_navigator *nav, uint32_t slot) {
 
 /* What is to be popped next is tested together, so that what each needs of the memory is on its way
  * while the others are: nodes, then simplices, then neighbours. Who is free stays free until its
- * turn: what collapses before it was no neighbour of its, or it would have blocked it. Returns up
- * to where, in the agenda. */
+ * turn: what collapses before it was no neighbour of its, or it would have blocked it. For those
+ * its parent is asked for, and who waits for its children. Returns up to where, in the agenda. */
 static uint32_t look_ahead(mni_navigator *nav) {
     mni_front *front = &nav->front;
     uint32_t count = AHEAD, blocker[AHEAD];
@@ -179,8 +179,15 @@ static uint32_t look_ahead(mni_navigator *nav) {
             mni_front_fetch_simplices(front, front->branch[next[i].what].child[side], false);
     for (uint32_t i = 0; i < count; i++)
         blocker[i] = mni_front_collapse_blocker(front, next[i].what);
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_front_branch *b = &front->branch[next[i].what];
         next[i].order = has_to_wait(nav, next[i].what, blocker[i]) ? WAITS : FREE;
+        if (blocker[i] != MN_NONE)
+            continue;
+        __builtin_prefetch(&front->branch[b->parent]);
+        mni_waiting_fetch(&nav->waiting, b->slot);
+        mni_waiting_fetch(&nav->waiting, next[i].what);
+    }
     return nav->agenda.next + count;
 }
 
@@ -571,7 +578,11 @@ static uint32_t fetch_ahead(mni_navigator *nav) {
     for (uint32_t i = 0; i < count; i++)
         mni_front_fetch_simplices(front, next[i].what, true);
     for (uint32_t i = 0; i < count; i++)
+        __builtin_prefetch(&front->branch[front->node[next[i].what].parent]);
+    for (uint32_t i = 0; i < count; i++)
         mni_front_fetch_ring(front, next[i].what);
+    for (uint32_t i = 0; i < count; i++)
+        mni_front_fetch_record(front, next[i].what);
     return nav->agenda.next + count;
 }
 
