@@ -16,10 +16,10 @@ static const char help[] =
     "  --error E       the coarsest front on which no node's switch value exceeds E, a length in\n"
     "                  model units\n"
     "  -o FILE         what stood there stays until the new one is whole\n"
-    "  --ram SIZE      cap for the whole process; --full and --triangles of a .mnt take 3 bits a\n"
-    "                  vertex and 5M. Otherwise the tree and the mesh are in memory, 150 bytes a\n"
-    "                  vertex, or with --error 190; where that does not fit it is refused.\n"
-    "                  Default: half of the memory, or of what the cgroup allows\n"
+    "  --ram SIZE      cap for the whole process; --full and --triangles take 3 bits a vertex and\n"
+    "                  5M. With --error the tree and the mesh are in memory, 190 bytes a vertex;\n"
+    "                  where that does not fit it is refused. Default: half of the memory, or of\n"
+    "                  what the cgroup allows\n"
     "  --json          figures as one JSON object\n";
 
 static mn_code extract(const char *in, const char *out, const mn_extract_desc *desc, bool as_json,

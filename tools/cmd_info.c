@@ -1,4 +1,4 @@
-/* metanode info: what a .mnt or .vdt says of itself. Thin over mn_header_read and mn_tree_read. */
+/* metanode info: what a .mnt or .vdt says of itself. Thin over mn_header_read and mn_vdt_open. */
 #include "build_steps.h"
 
 #include <stdio.h>
@@ -6,10 +6,11 @@
 
 #include "json.h"
 
-static const char help[] =
-    "usage: metanode info FILE [--json]\n\n"
-    "What a .mnt says in its header (one read, however large the file), or what a .vdt holds.\n\n"
-    "  --json          one JSON object; the keys are those of build\n";
+static const char help[] = "usage: metanode info FILE [--json]\n\n"
+                           "What a .mnt says in its header (one read, however large the file), or "
+                           "a .vdt, all of which is\n"
+                           "read and compared with its checksums.\n\n"
+                           "  --json          one JSON object; the keys are those of build\n";
 
 static void json_vector(json *j, const char *key, const double *v) {
     json_open(j, key, '[');
@@ -93,27 +94,28 @@ static void header_text(const char *file, const mn_header *h) {
 }
 
 static mn_code info_vdt(const char *file, bool as_json, mn_status *st) {
-    mn_tree t;
-    mn_code code = mn_tree_read(file, &t, st);
+    mn_vdt *vdt;
+    mn_code code = mn_vdt_open(file, NULL, &vdt, st);
     if (code != MN_OK)
         return code;
+    const mn_tree *t = mn_vdt_head(vdt);
     if (as_json) {
         json j;
         json_begin(&j, stdout);
         json_str(&j, "kind", "vdt");
-        build_json_tree(&j, &t);
+        build_json_tree(&j, t);
         json_u64(&j, "file_bytes", cli_file_bytes(file));
-        json_str(&j, "metric", build_metric_name(t.metric));
-        json_bool(&j, "colors", t.leaf_color != NULL);
+        json_str(&j, "metric", build_metric_name(t->metric));
+        json_bool(&j, "colors", mn_vdt_has_colors(vdt));
         json_end(&j);
     } else {
         printf(
             "%s: .vdt: %u vertices%s, %u triangles, %u hinges, %u root%s, %u levels, metric %s\n",
-            file, t.leaves, t.leaf_color != NULL ? " with colours" : "", t.triangles,
-            t.simplices - t.triangles, t.roots, t.roots == 1 ? "" : "s", t.depth_max,
-            build_metric_name(t.metric));
+            file, t->leaves, mn_vdt_has_colors(vdt) ? " with colours" : "", t->triangles,
+            t->simplices - t->triangles, t->roots, t->roots == 1 ? "" : "s", t->depth_max,
+            build_metric_name(t->metric));
     }
-    mn_tree_free(&t);
+    mn_vdt_close(vdt);
     return MN_OK;
 }
 

@@ -22,9 +22,8 @@ static const char help[] =
     "  --weld on|off   as the file was built; without it, the one that gives as many vertices\n"
     "  --reader own|openmesh\n"
     "  --ram SIZE      cap for the whole process, whatever the file's size: 5M, with --against\n"
-    "                  about 11M, more where blocks are hundreds deep. A .vdt is held in\n"
-    "                  memory, 120 bytes a vertex; where that does not fit it is refused.\n"
-    "                  Default: half of the memory, or of what the cgroup allows\n"
+    "                  about 11M, more where blocks are hundreds deep. Default: half of the\n"
+    "                  memory, or of what the cgroup allows\n"
     "  --temp-dir DIR  with --against: where temporary files go (default: beside FILE)\n"
     "  --json          figures as one JSON object\n";
 
@@ -89,9 +88,6 @@ int cmd_verify(int argc, char **argv) {
                                .progress_context = &meter};
     code = temp_folder(&temp, file, temp_dir, &st);
     desc.temp_dir = temp.folder;
-    if (code == MN_OK && mn_tree_is_vdt(file))
-        code = mn_tree_fits(file, desc.against != NULL ? MN_TREE_COMPARE : MN_TREE_LOAD,
-                            desc.ram_bytes, &st);
     if (code == MN_OK)
         code = mn_verify(file, &desc, &result, &st);
     cli_progress_end(&meter);

@@ -314,22 +314,14 @@ typedef struct mn_verify_desc {
 
 /* Reads the whole .mnt (or .vdt): header, every block once, structure across blocks, and with
  * `against` that full detail is that mesh on the file's grid, triangle for triangle, and each hinge
- * an edge of it. desc may be NULL. MN_BAD_INPUT names the first thing that is wrong. A .mnt may be
- * of any size: MN_CAP_TOO_SMALL names what would do; a .vdt is loaded (mn_tree_fits). MN_NO_SPACE:
- * temporary files filled the disk. */
+ * an edge of it. desc may be NULL. The file may be of any size. MN_BAD_INPUT names the first thing
+ * that is wrong; MN_CAP_TOO_SMALL, what would do. MN_NO_SPACE: temporary files filled the disk. */
 mn_code mn_verify(const char *path, const mn_verify_desc *desc, mn_verify_result *out,
                   mn_status *st);
 
-/* What is done with a tree in memory. */
-typedef enum mn_tree_use {
-    MN_TREE_LOAD = 0, /* mn_tree_load; mn_verify of a .vdt */
-    MN_TREE_EXTRACT,  /* and mn_tree_extract, a prefix front or all of it */
-    MN_TREE_SETTLE,   /* of a tolerance */
-    MN_TREE_COMPARE,  /* mn_verify of a .vdt against a mesh */
-} mn_tree_use;
-/* Whether the process stays below ram_bytes (0: no bound) when it does that, by what the file's
- * header says. MN_CAP_TOO_SMALL names what would do. */
-mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_status *st);
+/* Whether the process stays below ram_bytes (0: no bound) when it loads the tree and extracts the
+ * front of a tolerance, by what the file's header says. MN_CAP_TOO_SMALL names what would do. */
+mn_code mn_tree_fits(const char *path, uint64_t ram_bytes, mn_status *st);
 
 /* Rebuilds the tree that a .mnt (or .vdt) holds, whole, in memory. */
 mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st);
@@ -345,9 +337,9 @@ typedef struct mn_extract_desc {
 typedef struct mn_extract_result {
     uint32_t vertices, triangles;
 } mn_extract_result;
-/* Writes the mesh of a front of a .mnt (or .vdt) as a binary PLY: temporary name, sync, rename. Of
- * a .mnt a prefix front and full detail may be of any size: it takes 3 bits a vertex. Otherwise the
- * tree is loaded. MN_CAP_TOO_SMALL names what would do. */
+/* Writes the mesh of a front of a .mnt (or .vdt) as a binary PLY: temporary name, sync, rename. A
+ * prefix front and full detail may be of any size: it takes 3 bits a vertex. For that of a
+ * tolerance the tree is loaded. MN_CAP_TOO_SMALL names what would do. */
 mn_code mn_extract_file(const char *in, const mn_extract_desc *desc, const mn_watch *watch,
                         const char *out, mn_extract_result *result, mn_status *st);
 /* The mesh of a front of the tree. owner (may be NULL): receives vertices × order ids of the

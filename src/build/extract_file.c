@@ -1,10 +1,10 @@
-/* A prefix front of a .mnt as a mesh on disk, neither of which need fit in memory.
+/* A prefix front of a tree in a file as a mesh on disk, neither of which need fit in memory.
  *
  * Hides: that a front is a bit a leaf. In a prefix front every node is split whose order id is at
  * least the cut, and no other. The right child of such a node begins at its row, so leaves at which
  * active nodes begin are the rows of split nodes, and where roots begin; a corner's active node
  * begins at the last such leaf up to it. Triangles of the mesh are those that split nodes have
- * killed. So it takes walks (mnt_rows.h), the last ones only through the top of the tree:
+ * killed. So it takes walks (walk.h), the last ones only through the top of the tree:
  *
  *   1  all      triangles by order id, counted in BINS bins            the bin of the cut
  *   2  the top  triangles of that bin, node by node                    the cut
@@ -17,9 +17,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "file.h"
 #include "mn_assert.h"
-#include "mnt_rows.h"
 #include "simplify.h"
+#include "walk.h"
 #include "write_ply.h"
 
 enum {
@@ -30,11 +31,12 @@ enum {
 
 typedef struct extraction {
     const mn_extract_desc *desc;
-    mni_mnt mnt;
+    mni_walked file;
     mn_watch watch;
     mn_status *st;
     uint64_t held_bytes;
     uint32_t leaves, inner;
+    uint32_t from;           /* nodes that the walk goes to, at least */
     uint32_t made;           /* collapses that the front has gone through */
     uint32_t node;           /* of the row that came last: its number; MN_NONE: a root begins */
     uint32_t first, width;   /* of node numbers: what is counted, and how many a bin */
@@ -76,24 +78,30 @@ static uint32_t vertex_at(const extraction *x, uint32_t leaf) {
            (uint32_t)__builtin_popcountll(x->used[word] & ((UINT64_C(1) << leaf % 64) - 1));
 }
 
+static bool is_above(const void *context, uint32_t order) {
+    const extraction *x = context;
+    return order - x->leaves >= x->from;
+}
+
 static mn_code walk(extraction *x, uint32_t from,
-                    mn_code (*row)(void *, uint32_t, const mni_row *, const mni_node *),
+                    mn_code (*row)(void *, uint32_t, const mni_row *, const uint32_t[2]),
                     mn_code (*simplex)(void *, const mni_row_simplex *), const char *phase) {
-    const mni_mnt_sink sink = {row, simplex, x};
-    const mni_mnt_desc desc = {.ram_bytes = x->desc->ram_bytes,
-                               .held_bytes = x->held_bytes,
-                               .order_from = from > 0 ? x->leaves + from : 0,
-                               .watch = &x->watch,
-                               .phase = phase};
-    return mni_mnt_walk(&x->mnt, &desc, &sink, x->st);
+    const mni_walk_sink sink = {row, simplex, x};
+    const mni_walk_desc desc = {.ram_bytes = x->desc->ram_bytes,
+                                .held_bytes = x->held_bytes,
+                                .wanted = from > 0 ? is_above : NULL,
+                                .watch = &x->watch,
+                                .phase = phase};
+    x->from = from;
+    return mni_walk_file(&x->file, &desc, &sink, x->st);
 }
 
 /* ---- the cut -------------------------------------------------------------------------------- */
 
-static mn_code note_node(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code note_node(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     extraction *x = context;
     (void)at;
-    x->node = node != NULL ? row->order - x->leaves : MN_NONE;
+    x->node = child != NULL ? row->order - x->leaves : MN_NONE;
     return MN_OK;
 }
 
@@ -115,7 +123,7 @@ static uint32_t pass_bins(const extraction *x, uint64_t *over) {
 
 /* As few collapses as leave so few triangles. */
 static mn_code find_cut(extraction *x) {
-    const uint64_t all = x->mnt.header.triangles, wanted = x->desc->triangles;
+    const uint64_t all = x->file.head.triangles, wanted = x->desc->triangles;
     x->first = 0;
     x->width = x->inner / BINS + 1;
     mn_code code = walk(x, 0, note_node, count_triangle, "checking");
@@ -141,10 +149,10 @@ static bool is_split(const extraction *x) {
     return x->node != MN_NONE && x->node >= x->made;
 }
 
-static mn_code mark_begin(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code mark_begin(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     extraction *x = context;
-    note_node(context, at, row, node);
-    if (node == NULL || is_split(x))
+    note_node(context, at, row, child);
+    if (child == NULL || is_split(x))
         set_bit(x->begins, at);
     return MN_OK;
 }
@@ -185,10 +193,10 @@ static mn_code flush_faces(extraction *x) {
     return code;
 }
 
-static mn_code put_vertex(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code put_vertex(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     extraction *x = context;
     unsigned char record[MNI_PLY_VERTEX_MAX];
-    note_node(context, at, row, node);
+    note_node(context, at, row, child);
     if ((x->used[at / 64] >> at % 64 & 1) == 0)
         return MN_OK;
     memcpy(x->position, row->position, sizeof x->position);
@@ -226,7 +234,7 @@ static mn_code write_file(extraction *x, const char *path) {
         (mni_out_at(&x->out) != length + vertices ||
          x->faces_at != length + vertices + (uint64_t)x->mesh.triangles * MNI_PLY_FACE_BYTES))
         code = mn_fail(x->st, MN_BAD_INPUT, "%s: was changed while it was read; try again",
-                       x->mnt.path);
+                       x->file.path);
     if (code == MN_OK)
         code = mni_out_commit(&x->out, x->st);
     mni_out_abort(&x->out);
@@ -238,13 +246,12 @@ static mn_code write_file(extraction *x, const char *path) {
 static mn_code take_memory(extraction *x) {
     const uint64_t words = words_of(x), ranks = words / RANK_WORDS + 1;
     const uint64_t bins = BINS * sizeof *x->bin;
-    const mn_header *h = &x->mnt.header;
     x->held_bytes = 2 * words * sizeof *x->begins + ranks * sizeof *x->rank + bins + FACES_BYTES;
-    const uint64_t need = MNI_PROGRAM_BYTES + x->held_bytes + mni_mnt_walk_bytes(h);
+    const uint64_t need = MNI_PROGRAM_BYTES + x->held_bytes + mni_walk_bytes(&x->file);
     if (x->desc->ram_bytes > 0 && x->desc->ram_bytes < need)
         return mn_fail(x->st, MN_CAP_TOO_SMALL,
                        "%s: %.1f MB of memory are too few to extract it in: try --ram %lluM",
-                       x->mnt.path, (double)x->desc->ram_bytes / (1 << 20),
+                       x->file.path, (double)x->desc->ram_bytes / (1 << 20),
                        (unsigned long long)(need >> 20) + 1);
     x->begins = calloc(words, sizeof *x->begins);
     x->used = calloc(words, sizeof *x->used);
@@ -253,17 +260,17 @@ static mn_code take_memory(extraction *x) {
     x->faces = malloc(FACES_BYTES);
     if (x->begins == NULL || x->used == NULL || x->rank == NULL || x->bin == NULL ||
         x->faces == NULL)
-        return mn_fail(x->st, MN_FAILED, "%s: no memory for a front", x->mnt.path);
+        return mn_fail(x->st, MN_FAILED, "%s: no memory for a front", x->file.path);
     return MN_OK;
 }
 
 static mn_code extract(extraction *x, const char *out) {
-    const mn_header *h = &x->mnt.header;
-    x->leaves = h->leaves;
-    x->inner = h->nodes - h->leaves;
-    memcpy(x->mesh.origin, h->origin, sizeof h->origin);
+    const mn_tree *t = &x->file.head;
+    x->leaves = t->leaves;
+    x->inner = t->inner;
+    memcpy(x->mesh.origin, t->origin, sizeof t->origin);
     x->mesh.position = x->position;
-    x->mesh.color = h->has_colors ? &x->color : NULL;
+    x->mesh.color = x->file.has_colors ? &x->color : NULL;
     mn_code code = take_memory(x);
     if (code == MN_OK && x->desc->what == MN_EXTRACT_TRIANGLES)
         code = find_cut(x);
@@ -274,9 +281,8 @@ static mn_code extract(extraction *x, const char *out) {
 
 static mn_code extract_loaded(const char *in, const mn_extract_desc *desc, const mn_watch *watch,
                               const char *out, mn_mesh *mesh, mn_status *st) {
-    const mn_tree_use use = desc->what == MN_EXTRACT_ERROR ? MN_TREE_SETTLE : MN_TREE_EXTRACT;
     mn_tree tree;
-    mn_code code = mn_tree_fits(in, use, desc->ram_bytes, st);
+    mn_code code = mn_tree_fits(in, desc->ram_bytes, st);
     if (code == MN_OK)
         code = mn_tree_load(in, watch, &tree, st);
     if (code != MN_OK)
@@ -294,16 +300,16 @@ mn_code mn_extract_file(const char *in, const mn_extract_desc *desc, const mn_wa
     mn_code code;
     if (watch != NULL)
         x.watch = *watch;
-    if (desc->what == MN_EXTRACT_ERROR || mn_tree_is_vdt(in)) {
+    if (desc->what == MN_EXTRACT_ERROR) {
         code = extract_loaded(in, desc, watch, out, &mesh, x.st);
         *result = (mn_extract_result){mesh.vertices, mesh.triangles};
         mn_mesh_free(&mesh);
         return code;
     }
-    code = mni_mnt_open(&x.mnt, in, x.st);
+    code = mni_walked_open(&x.file, in, &x.watch, x.st);
     if (code == MN_OK)
         code = extract(&x, out);
-    mni_mnt_close(&x.mnt);
+    mni_walked_close(&x.file);
     *result = (mn_extract_result){x.mesh.vertices, x.mesh.triangles};
     free(x.begins);
     free(x.used);

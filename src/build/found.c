@@ -78,8 +78,8 @@ mn_code mni_found_check(const mni_found *found, const mn_tree *head, mn_status *
         return mn_fail(st, MN_BAD_INPUT, "the tree is %u nodes deep, promised was %u",
                        found->depth_max, head->depth_max);
     for (int i = 0; i < 3; i++)
-        if ((double)found->box_max[i] - found->box_min[i] >
-            MNI_GRID_STEPS_MAX * (double)head->grid_step)
+        if (head->grid_step > 0 && (double)found->box_max[i] - found->box_min[i] >
+                                       MNI_GRID_STEPS_MAX * (double)head->grid_step)
             return mn_fail(st, MN_BAD_INPUT, "positions span more than %d steps of %g",
                            MNI_GRID_STEPS_MAX, head->grid_step);
     return MN_OK;

@@ -76,8 +76,9 @@ typedef struct level {
 
 typedef struct walk {
     const char *path;
-    const mni_mnt_desc *desc;
-    const mni_mnt_sink *sink;
+    const mni_mnt *mnt;
+    const mni_walk_desc *desc;
+    const mni_walk_sink *sink;
     mn_header header; /* const */
     mn_header found;  /* the counts as they are in the blocks */
     mni_block_limits limits;
@@ -386,10 +387,10 @@ static mn_code check_position(walk *w, uint32_t leaf, const float position[3]) {
     return MN_OK;
 }
 
-static mn_code give_row(walk *w, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code give_row(walk *w, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     mn_code code = check_position(w, at, row->position);
     XXH3_64bits_update(&w->sum[MNI_ROWS], row, sizeof *row);
-    return code == MN_OK && w->sink->row != NULL ? w->sink->row(w->sink->context, at, row, node)
+    return code == MN_OK && w->sink->row != NULL ? w->sink->row(w->sink->context, at, row, child)
                                                  : code;
 }
 
@@ -444,6 +445,11 @@ static uint32_t row_of(const level *l, uint32_t way) {
                                    : l->node[way].mid;
 }
 
+/* A leaf's order id is its number. */
+static uint32_t order_of(const mni_child *child, uint32_t leaf_lo) {
+    return child->kind == MNI_CHILD_LEAF ? leaf_lo : child->facts.order;
+}
+
 static mn_code check_cones(walk *w, const level *l, const mni_node *node) {
     const double slack = 1e-6;
     const mni_child *const child[2] = {&node->left, &node->right};
@@ -474,7 +480,9 @@ static mn_code give_node(walk *w, const level *l, uint32_t index) {
     if (code == MN_OK)
         code = check_cones(w, l, &node);
     if (code == MN_OK)
-        code = give_row(w, p->mid, &row, &node);
+        code = give_row(
+            w, p->mid, &row,
+            (uint32_t[2]){order_of(&node.left, row.leaf_lo), order_of(&node.right, p->mid)});
     for (uint32_t s = 0; s < node.simplex_count && code == MN_OK; s++) {
         mni_row_simplex simplex;
         mni_block_simplex(&l->view, &node, s, simplex.corner);
@@ -534,7 +542,7 @@ static mn_code enter(walk *w, uint32_t above, const exit_place *exit) {
 }
 
 static bool is_wanted(const walk *w, const exit_place *exit) {
-    return exit->facts.order >= w->desc->order_from;
+    return w->desc->wanted == NULL || w->desc->wanted(w->sink->context, exit->facts.order);
 }
 
 /* The node on top of the stack, whose left side is done; then its right side. */
@@ -636,16 +644,9 @@ static mn_code compare_shape(walk *w) {
 
 static mn_code compare_build_id(walk *w) {
     const mn_header *h = &w->header;
-    mn_tree facts = {.leaves = h->leaves,
-                     .inner = h->nodes - h->leaves,
-                     .simplices = w->simplices,
-                     .triangles = w->triangles,
-                     .legal_last = h->legal_last,
-                     .metric = h->metric,
-                     .grid_step = h->grid_step};
+    const mn_tree facts = mni_mnt_head(w->mnt);
     const mn_block_desc desc = {.blocking = h->blocking, .l = h->l, .block_bytes = h->block_bytes};
     uint64_t sum[MNI_SECTIONS];
-    memcpy(facts.origin, h->origin, sizeof facts.origin);
     for (int i = 0; i < MNI_SECTIONS; i++)
         sum[i] = XXH3_64bits_digest(&w->sum[i]);
     if (mni_build_id(&facts, h->has_colors, sum, &desc) != h->build_id)
@@ -702,14 +703,14 @@ static mn_code walk_all(walk *w) {
     mn_code code = place_roots(w);
     for (uint32_t r = 0; r < w->header.roots && code == MN_OK; r++)
         code = walk_root(w, r);
-    return code == MN_OK && w->desc->order_from == 0 ? compare_header(w) : code;
+    return code == MN_OK && w->desc->wanted == NULL ? compare_header(w) : code;
 }
 
 /* What the cap leaves: at least half to open blocks, to marks no more than they want. */
 static mn_code plan_memory(walk *w) {
     const uint64_t ram = w->desc->ram_bytes, beside = beside_bytes(w);
     uint64_t marks;
-    w->ids = w->desc->order_from == 0 ? w->header.nodes - w->header.leaves : 0;
+    w->ids = w->desc->wanted == NULL ? w->header.nodes - w->header.leaves : 0;
     marks = marks_bytes(w->ids);
     w->room = UINT64_MAX / 2;
     if (ram > 0 && ram < beside + ROOM_LEAST)
@@ -738,11 +739,27 @@ void mni_mnt_close(mni_mnt *mnt) {
     mni_stored_close(&mnt->stored);
 }
 
-mn_code mni_mnt_walk(mni_mnt *mnt, const mni_mnt_desc *desc, const mni_mnt_sink *sink,
+mn_tree mni_mnt_head(const mni_mnt *mnt) {
+    const mn_header *h = &mnt->header;
+    mn_tree t = {.leaves = h->leaves,
+                 .inner = h->nodes - h->leaves,
+                 .simplices = (uint32_t)h->triangles + h->hinges,
+                 .triangles = (uint32_t)h->triangles,
+                 .roots = h->roots,
+                 .legal_last = h->legal_last,
+                 .depth_max = h->depth_max,
+                 .metric = h->metric,
+                 .grid_step = h->grid_step};
+    memcpy(t.origin, h->origin, sizeof t.origin);
+    return t;
+}
+
+mn_code mni_mnt_walk(mni_mnt *mnt, const mni_walk_desc *desc, const mni_walk_sink *sink,
                      mn_status *st) {
-    static const mni_mnt_sink nobody = {0};
+    static const mni_walk_sink nobody = {0};
     mn_status own = {0};
     walk w = {.path = mnt->path,
+              .mnt = mnt,
               .desc = desc,
               .sink = sink,
               .header = mnt->header,

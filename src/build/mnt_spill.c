@@ -24,10 +24,10 @@ typedef struct spiller {
     mn_status *st;
 } spiller;
 
-static mn_code put_row(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code put_row(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     spiller *s = context;
     (void)at;
-    (void)node;
+    (void)child;
     mni_rowpack_row(&s->writer, row);
     return s->file.trouble.code; /* a full disk: end tells of it */
 }
@@ -38,17 +38,17 @@ static mn_code put_simplex(void *context, const mni_row_simplex *simplex) {
     return s->file.trouble.code;
 }
 
-static mn_code walk(spiller *s, const mni_mnt_sink *sink, const char *phase) {
-    const mni_mnt_desc desc = {.ram_bytes = s->desc->ram_bytes,
-                               .held_bytes = sizeof *s,
-                               .watch = s->desc->watch,
-                               .phase = phase};
+static mn_code walk(spiller *s, const mni_walk_sink *sink, const char *phase) {
+    const mni_walk_desc desc = {.ram_bytes = s->desc->ram_bytes,
+                                .held_bytes = sizeof *s,
+                                .watch = s->desc->watch,
+                                .phase = phase};
     return mni_mnt_walk(&s->mnt, &desc, sink, s->st);
 }
 
 static mn_code spill(spiller *s, mni_ordered *out) {
-    const mni_mnt_sink rows = {.row = put_row, .context = s};
-    const mni_mnt_sink simplices = {.simplex = put_simplex, .context = s};
+    const mni_walk_sink rows = {.row = put_row, .context = s};
+    const mni_walk_sink simplices = {.simplex = put_simplex, .context = s};
     const mni_rowpack_buffer buffer = {s->buffer, sizeof s->buffer};
     const char *dir = s->desc->temp_dir != NULL ? s->desc->temp_dir : ".";
     mn_code code = mni_spill_open(&s->file, dir, s->st);
@@ -68,19 +68,6 @@ static mn_code spill(spiller *s, mni_ordered *out) {
                            out->sum, s->st);
 }
 
-static void fill_head(const mn_header *h, mn_tree *t) {
-    *t = (mn_tree){.leaves = h->leaves,
-                   .inner = h->nodes - h->leaves,
-                   .simplices = (uint32_t)h->triangles + h->hinges,
-                   .triangles = (uint32_t)h->triangles,
-                   .roots = h->roots,
-                   .legal_last = h->legal_last,
-                   .depth_max = h->depth_max,
-                   .metric = h->metric,
-                   .grid_step = h->grid_step};
-    memcpy(t->origin, h->origin, sizeof t->origin);
-}
-
 mn_code mni_mnt_spill(const char *path, const mn_open_desc *desc, mni_ordered *out, mn_tree *head,
                       bool *has_colors, mn_status *st) {
     mn_status own = {0};
@@ -95,7 +82,7 @@ mn_code mni_mnt_spill(const char *path, const mn_open_desc *desc, mni_ordered *o
         code = spill(s, out);
     if (code == MN_OK) {
         const mn_header *h = &s->mnt.header;
-        fill_head(h, head);
+        *head = mni_mnt_head(&s->mnt);
         out->bytes_read = 2 * (h->zstd_level > 0 ? h->stored_bytes : h->file_bytes);
         out->bytes_read += s->places.bytes_read;
         out->bytes_written = s->file.bytes_written + s->places.bytes_written;

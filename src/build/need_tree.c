@@ -57,19 +57,10 @@ static uint64_t mesh_bytes(const size *s) {
 }
 
 /* Beside the tree. */
-static uint64_t using_bytes(const size *s, mn_tree_use use) {
+static uint64_t using_bytes(const size *s) {
     const uint64_t extracting = s->leaves * (9 + 4 /* ids */) + mesh_bytes(s);
-    switch (use) {
-    case MN_TREE_LOAD:
-        break;
-    case MN_TREE_EXTRACT:
-        return extracting;
-    case MN_TREE_SETTLE: /* seats, first and last of nodes, a stack */
-        return max_u64(extracting, s->leaves * 9 + s->simplices * 24 + s->leaves * 24);
-    case MN_TREE_COMPARE:
-        return 8 << 20; /* verify.c's VDT_WORK_BYTES */
-    }
-    return 0;
+    /* seats, first and last of nodes, a stack */
+    return max_u64(extracting, s->leaves * 9 + s->simplices * 24 + s->leaves * 24);
 }
 
 static uint64_t rows_bytes(const size *s) {
@@ -95,10 +86,10 @@ static mn_code check(const char *path, const size *s, uint64_t beside, uint64_t 
         (double)ram_bytes / (1 << 20), (unsigned long long)(need >> 20) + 1);
 }
 
-mn_code mn_tree_fits(const char *path, mn_tree_use use, uint64_t ram_bytes, mn_status *st) {
+mn_code mn_tree_fits(const char *path, uint64_t ram_bytes, mn_status *st) {
     size s;
     mn_code code = size_of(path, &s, st);
-    return code == MN_OK ? check(path, &s, using_bytes(&s, use), ram_bytes, st) : code;
+    return code == MN_OK ? check(path, &s, using_bytes(&s), ram_bytes, st) : code;
 }
 
 mn_code mn_tree_expect(const char *path, uint64_t *vertices, uint64_t *triangles, mn_status *st) {

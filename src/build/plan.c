@@ -79,37 +79,22 @@ static mn_code get(mni_plan *plan, uint32_t at, mni_row *row, uint32_t *simplex_
     return mni_rows_get(plan->rows, at, row, simplex_end) ? MN_OK : mni_plan_trouble(plan, "rows");
 }
 
-/* From the node of its first two leaves up along the left side: a parent's row is where its left
- * child ends. */
-static mn_code climb(mni_plan *plan, uint32_t lo, mni_exit *root) {
-    const uint32_t leaves = plan->limits.leaves;
-    for (uint32_t at = lo + 1;;) {
-        mni_row row, next = {.order = 0};
-        uint32_t ignored;
-        mn_code code = MN_OK;
-        if (at < leaves)
-            code = get(plan, at, &row, &ignored);
-        if (code != MN_OK)
-            return code;
-        if (at == leaves || row.order == 0)
-            return mn_fail(plan->st, MN_USAGE,
-                           "the root of leaf %u is a single vertex: simplify to the end", lo);
-        if (row.leaf_lo != lo || row.leaf_hi <= at || row.leaf_hi > leaves ||
-            row.order >= plan->limits.nodes)
-            return mn_fail(plan->st, MN_BAD_INPUT, "row %u: leaves [%u, %u) of node %u", at,
-                           row.leaf_lo, row.leaf_hi, row.order);
-        if (row.leaf_hi < leaves)
-            code = get(plan, row.leaf_hi, &next, &ignored);
-        if (code != MN_OK)
-            return code;
-        if (next.order == 0) {
-            root->row = at;
-            root->nodes = row.leaf_hi - lo - 1;
-            root->order = row.order;
-            return mni_row_check_values(&row, plan->st);
-        }
-        at = row.leaf_hi;
-    }
+/* Nodes of the root that begins with leaf lo. */
+static mn_code climb(mni_plan *plan, uint32_t lo, mni_exit *x) {
+    mni_row_root root;
+    mni_row row;
+    uint32_t ignored;
+    mn_code code = mni_row_root_of(plan->rows, &plan->limits, lo, &root, plan->st);
+    if (code != MN_OK)
+        return code;
+    if (root.row == MN_NONE)
+        return mn_fail(plan->st, MN_USAGE,
+                       "the root of leaf %u is a single vertex: simplify to the end", lo);
+    x->row = root.row;
+    x->nodes = root.leaf_hi - lo - 1;
+    x->order = root.order;
+    code = get(plan, root.row, &row, &ignored);
+    return code == MN_OK ? mni_row_check_values(&row, plan->st) : code;
 }
 
 mn_code mni_plan_roots(mni_plan *plan, mni_draft *draft, mni_family *roots) {

@@ -2,7 +2,7 @@
  *
  * Hides: which of the equations of a tree (mn_tree_check has them for trees in memory) are asked
  * before a node is looked at at all, for it may be looked at often, and which once. Order: safe
- * first. Pure; any thread. */
+ * first. Any thread. */
 #include "row_check.h"
 
 #include <math.h>
@@ -36,7 +36,7 @@ mn_code mni_row_safe(const mni_row_limits *limits, uint32_t at, const mni_row *r
                        simplex_end, limits->simplices);
     for (int i = 0; i < 3; i++)
         if (!(fabs((double)row->position[i] - place->position[i]) <=
-              MNI_GRID_STEPS_MAX * (double)limits->grid_step))
+              (limits->grid_step > 0 ? MNI_GRID_STEPS_MAX * (double)limits->grid_step : INFINITY)))
             return mn_fail(st, MN_BAD_INPUT, "row %u: leaf at %g, its node at %g: too far off", at,
                            row->position[i], place->position[i]);
     return MN_OK;
@@ -51,8 +51,9 @@ static mn_code check_leaf(const mni_row_limits *limits, uint32_t leaf, const mni
     double step = limits->grid_step;
     const float *position = row->position;
     for (int i = 0; i < 3; i++) /* there is one zero: blocks hold differences */
-        if (!isfinite(position[i]) || rint(position[i] / step) * step != position[i] ||
-            (position[i] == 0 && signbit(position[i])))
+        if (!isfinite(position[i]) ||
+            (step > 0 && (rint(position[i] / step) * step != position[i] ||
+                          (position[i] == 0 && signbit(position[i])))))
             return mn_fail(st, MN_BAD_INPUT, "leaf %u: %.9g is not on the grid of steps of %g",
                            leaf, position[i], step);
     if (row->zero != 0 || (!limits->has_colors && row->rgba != UINT32_MAX))
@@ -73,6 +74,28 @@ mn_code mni_row_check_first(const mni_row_limits *limits, uint32_t at, const mni
         return mn_fail(st, MN_BAD_INPUT, "row %u: simplices [%u, %u) without a node", at,
                        row->simplex_start, simplex_end);
     return check_leaf(limits, at, row, st);
+}
+
+/* From the node of its first two leaves up along the left side: a parent's row is where its left
+ * child ends. */
+mn_code mni_row_root_of(mni_rows *rows, const mni_row_limits *limits, uint32_t lo,
+                        mni_row_root *root, mn_status *st) {
+    *root = (mni_row_root){MN_NONE, lo, lo, lo + 1};
+    while (root->leaf_hi < limits->leaves) {
+        const uint32_t at = root->leaf_hi;
+        mni_row row;
+        uint32_t ignored;
+        if (!mni_rows_get(rows, at, &row, &ignored))
+            return mni_rows_trouble(rows, st);
+        if (row.order == 0)
+            break;
+        if (row.leaf_lo != lo || row.leaf_hi <= at || row.leaf_hi > limits->leaves ||
+            row.order >= limits->nodes)
+            return mn_fail(st, MN_BAD_INPUT, "row %u: leaves [%u, %u) of node %u", at, row.leaf_lo,
+                           row.leaf_hi, row.order);
+        *root = (mni_row_root){at, row.order, lo, row.leaf_hi};
+    }
+    return MN_OK;
 }
 
 mn_code mni_row_check_values(const mni_row *row, mn_status *st) {

@@ -1,4 +1,4 @@
-/* Rows may lie: what makes one safe to look at, and what makes it right. Any thread; pure. */
+/* Rows may lie: what makes one safe to look at, and what makes it right. Any thread. */
 #ifndef MNI_ROW_CHECK_H
 #define MNI_ROW_CHECK_H
 
@@ -32,5 +32,15 @@ mn_code mni_row_check_simplex(const mni_row_limits *limits, uint32_t at, const m
 /* The row where a root begins: a leaf alone. */
 mn_code mni_row_check_first(const mni_row_limits *limits, uint32_t at, const mni_row *row,
                             uint32_t simplex_end, mn_status *st);
+
+/* A root by its leaves. */
+typedef struct mni_row_root {
+    uint32_t row; /* MN_NONE: a single vertex */
+    uint32_t order, leaf_lo, leaf_hi;
+} mni_row_root;
+/* The root that begins with leaf lo, by rows that are no more than looked at: it is not safe yet.
+ * What cannot be read, mni_rows_trouble tells as well. */
+mn_code mni_row_root_of(mni_rows *rows, const mni_row_limits *limits, uint32_t lo,
+                        mni_row_root *root, mn_status *st);
 
 #endif

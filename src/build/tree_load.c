@@ -15,24 +15,20 @@ typedef struct loader {
     mn_status *st;
 } loader;
 
-static uint32_t child_order(const mni_child *child, uint32_t leaf_lo) {
-    return child->kind == MNI_CHILD_LEAF ? leaf_lo : child->facts.order;
-}
-
-static mn_code take_row(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code take_row(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     loader *l = context;
     mn_tree *t = l->tree;
     memcpy(t->leaf_position + 3 * (size_t)at, row->position, sizeof row->position);
     if (t->leaf_color != NULL)
         t->leaf_color[at] = row->rgba;
-    if (node == NULL)
+    if (child == NULL)
         return MN_OK;
     const uint32_t i = l->node = row->order - t->leaves;
     t->leaf_lo[i] = row->leaf_lo;
     t->leaf_mid[i] = at;
     t->leaf_hi[i] = row->leaf_hi;
-    t->left[i] = child_order(&node->left, row->leaf_lo);
-    t->right[i] = child_order(&node->right, at);
+    t->left[i] = child[0];
+    t->right[i] = child[1];
     t->switch_value[i] = row->switch_value;
     t->radius[i] = row->radius;
     t->cone[i] = row->cone;
@@ -46,11 +42,11 @@ static mn_code count_simplex(void *context, const mni_row_simplex *simplex) {
     return MN_OK;
 }
 
-static mn_code find_node(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code find_node(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     loader *l = context;
     (void)at;
     l->held = 0;
-    if (node != NULL)
+    if (child != NULL)
         l->node = row->order - l->tree->leaves;
     return MN_OK;
 }
@@ -67,10 +63,10 @@ static mn_code take_simplex(void *context, const mni_row_simplex *simplex) {
 }
 
 static mn_code load(loader *l, mni_mnt *mnt, const mn_watch *watch) {
-    const mni_mnt_desc first = {.watch = watch, .phase = "checking"};
-    const mni_mnt_desc second = {.watch = watch, .phase = "loading"};
-    const mni_mnt_sink rows = {take_row, count_simplex, l};
-    const mni_mnt_sink simplices = {find_node, take_simplex, l};
+    const mni_walk_desc first = {.watch = watch, .phase = "checking"};
+    const mni_walk_desc second = {.watch = watch, .phase = "loading"};
+    const mni_walk_sink rows = {take_row, count_simplex, l};
+    const mni_walk_sink simplices = {find_node, take_simplex, l};
     const mn_header *h = &mnt->header;
     mn_tree *t = l->tree;
     mn_code code = mni_tree_alloc(t, h->leaves, h->roots, (uint32_t)h->triangles + h->hinges,

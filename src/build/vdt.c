@@ -26,6 +26,7 @@
 #include "rowpack.h"
 #include "tree.h"
 #include "vdt_header.h"
+#include "vdt_rows.h"
 #include "watch.h"
 #include "work.h"
 
@@ -453,7 +454,7 @@ static uint64_t section_bytes(const mn_vdt *vdt, int section) {
            (uint64_t)item_bytes(section);
 }
 
-static mni_rows_source source_of(const mn_vdt *vdt) {
+mni_rows_source mni_vdt_source(const mn_vdt *vdt) {
     mni_rows_source s = {
         .rows = vdt->head.leaves, .simplices = vdt->head.simplices, .has_colors = vdt->has_colors};
     if (vdt->made.fd < 0) {
@@ -476,7 +477,7 @@ typedef mn_code (*take_bytes)(void *context, const void *bytes, size_t count);
 static mn_code each_piece(mn_vdt *vdt, const char *phase, const mn_watch *watch,
                           uint64_t sum[MNI_SECTIONS], take_bytes take, void *context,
                           mn_status *st) {
-    const mni_rows_source source = source_of(vdt);
+    const mni_rows_source source = mni_vdt_source(vdt);
     const uint32_t items[MNI_SECTIONS] = {source.rows, source.simplices};
     const uint64_t all = section_bytes(vdt, MNI_ROWS) + section_bytes(vdt, MNI_SIMPLICES);
     uint64_t done = 0;
@@ -607,7 +608,7 @@ mn_code mn_vdt_block(mn_vdt *vdt, const char *path, const mn_block_desc *desc, m
     mn_code code = mni_block_desc_check(path, &vdt->head, &checked, st);
     if (code != MN_OK)
         return code;
-    const mni_rows_source source = source_of(vdt);
+    const mni_rows_source source = mni_vdt_source(vdt);
     uint64_t build_id = mni_build_id(&vdt->head, vdt->has_colors, vdt->sum, &checked);
     return mni_block_rows(path, &vdt->head, &source, build_id, &checked, header, counts, st);
 }

@@ -252,12 +252,13 @@ static void same_file(const char *in, const mn_tree *tree, const mn_extract_desc
 }
 
 START_TEST(files_hold_the_same_fronts) {
-    char in[160];
+    char in[160], rows[160];
     mn_mesh mesh;
     mn_tree made, tree;
     mn_status st = {0};
     const mn_block_desc cut = {.block_bytes = 4096};
     snprintf(in, sizeof in, "%s", fixture_path("front.mnt"));
+    snprintf(rows, sizeof rows, "%s", fixture_path("front.vdt"));
     if (_i == 2)
         fixture_book(700, &mesh); /* overflows, and vertices without triangles early on */
     else
@@ -269,9 +270,15 @@ START_TEST(files_hold_the_same_fronts) {
         fixture_random_tree(&mesh, 7, &made);
     ck_assert(mn_block_write(in, &made, &cut, NULL, NULL, &st) == MN_OK);
     ck_assert_msg(mn_tree_load(in, NULL, &tree, &st) == MN_OK, "%s", st.text);
+    ck_assert(mn_tree_write(rows, &made, &st) == MN_OK);
+    mn_tree_free(&made);
+    ck_assert(mn_tree_read(rows, &made, &st) == MN_OK); /* corners are turned in a file */
     same_file(in, &tree, &(mn_extract_desc){0});
-    for (uint64_t n = 0; n <= tree.triangles + 3; n = 2 * n + 1)
+    same_file(rows, &made, &(mn_extract_desc){0});
+    for (uint64_t n = 0; n <= tree.triangles + 3; n = 2 * n + 1) {
         same_file(in, &tree, &(mn_extract_desc){MN_EXTRACT_TRIANGLES, .triangles = n});
+        same_file(rows, &made, &(mn_extract_desc){MN_EXTRACT_TRIANGLES, .triangles = n});
+    }
     same_file(in, &tree, &(mn_extract_desc){MN_EXTRACT_ERROR, .error = 0.01f});
     mn_tree_free(&made);
     mn_tree_free(&tree);

@@ -336,11 +336,15 @@ static void reseal_vdt(unsigned char *bytes, bool contents) {
     memcpy(bytes, &h, sizeof h);
 }
 
-/* Row by row, as blocks are made of them: what was accepted whole is accepted, what was not is
- * refused, or harmless in blocks. */
+/* Row by row, as they are verified and blocks are made of them: what was accepted whole is
+ * accepted, what was not is refused, or harmless in blocks. */
 static void block_lies(const char *path, const char *out, mn_code whole) {
     mn_vdt *vdt;
     mn_status st = {0};
+    ck_assert_msg((verify(path, &st) == MN_OK) == (whole == MN_OK), "%d: %s", whole, st.text);
+    ck_assert_msg(whole == MN_OK || (st.code == MN_BAD_INPUT && strstr(st.text, "lying.vdt")), "%s",
+                  st.text);
+    st = (mn_status){0};
     mn_block_desc desc = {.block_bytes = 4096, .ram_bytes = 8 << 20};
     mn_code code = mn_vdt_open(path, NULL, &vdt, &st);
     if (code == MN_OK) {
@@ -417,6 +421,7 @@ START_TEST(every_flipped_byte_of_a_vdt_is_noticed) {
         } else {
             ck_assert_int_eq(st.code, MN_BAD_INPUT);
         }
+        ck_assert_int_eq(verify(path, &st), MN_BAD_INPUT);
     }
     ck_assert_uint_eq(harmless, 0);
     mn_mesh_free(&mesh);

@@ -27,10 +27,10 @@ static mn_code put(void *context, int section, const void *bytes, size_t count) 
     return MN_OK;
 }
 
-static mn_code put_row(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code put_row(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     stream *s = context;
     ck_assert_uint_eq(at, s->used[MNI_ROWS] / sizeof *row);
-    ck_assert((node == NULL) == (row->order == 0));
+    ck_assert((child == NULL) == (row->order == 0));
     return put(context, MNI_ROWS, row, sizeof *row);
 }
 
@@ -81,9 +81,9 @@ START_TEST(rows_are_those_of_the_tree) {
     for (int c = 0; c < CUTS; c++) {
         mni_mnt mnt;
         stream got = {0};
-        const mni_mnt_sink sink = {put_row, put_simplex, &got};
+        const mni_walk_sink sink = {put_row, put_simplex, &got};
         open_cut(&tree, &cuts[c], &mnt);
-        ck_assert_msg(mni_mnt_walk(&mnt, &(mni_mnt_desc){0}, &sink, &st) == MN_OK, "%s", st.text);
+        ck_assert_msg(mni_mnt_walk(&mnt, &(mni_walk_desc){0}, &sink, &st) == MN_OK, "%s", st.text);
         for (int i = 0; i < MNI_SECTIONS; i++) {
             ck_assert_uint_eq(got.used[i], wanted.used[i]);
             ck_assert(memcmp(got.bytes[i], wanted.bytes[i], wanted.used[i]) == 0);
@@ -101,11 +101,11 @@ typedef struct top {
     uint32_t from, found, simplices, node;
 } top;
 
-static mn_code see_row(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code see_row(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     top *t = context;
     const uint32_t i = row->order - t->tree->leaves;
-    t->node = node == NULL ? MN_NONE : i;
-    if (node == NULL || row->order < t->from)
+    t->node = child == NULL ? MN_NONE : i;
+    if (child == NULL || row->order < t->from)
         return MN_OK;
     t->found++;
     ck_assert_uint_eq(t->tree->leaf_mid[i], at);
@@ -122,6 +122,10 @@ static mn_code see_simplex(void *context, const mni_row_simplex *simplex) {
     return MN_OK;
 }
 
+static bool is_top(const void *context, uint32_t order) {
+    return order >= ((const top *)context)->from;
+}
+
 START_TEST(the_top_of_a_tree_comes_alone) {
     mn_tree tree;
     mn_status st = {0};
@@ -131,8 +135,8 @@ START_TEST(the_top_of_a_tree_comes_alone) {
         for (int c = 0; c < CUTS; c++) {
             mni_mnt mnt;
             top t = {.tree = &tree, .from = tree.leaves + made};
-            const mni_mnt_sink sink = {see_row, see_simplex, &t};
-            const mni_mnt_desc desc = {.order_from = t.from};
+            const mni_walk_sink sink = {see_row, see_simplex, &t};
+            const mni_walk_desc desc = {.wanted = is_top};
             open_cut(&tree, &cuts[c], &mnt);
             ck_assert_msg(mni_mnt_walk(&mnt, &desc, &sink, &st) == MN_OK, "%s", st.text);
             ck_assert_uint_eq(t.found, tree.inner - made);
@@ -149,14 +153,14 @@ END_TEST
 START_TEST(a_cap_is_kept_or_refused) {
     mn_tree tree;
     mni_mnt mnt;
-    const mni_mnt_sink nobody = {0};
+    const mni_walk_sink nobody = {0};
     make_tree(1, &tree);
     for (int c = 0; c < CUTS; c++) {
         bool refused = false, taken = false;
         open_cut(&tree, &cuts[c], &mnt);
         for (uint64_t room = 1 << 10; room <= 32 << 20; room *= 2) {
             mn_status st = {0};
-            const mni_mnt_desc desc = {.ram_bytes = MNI_PROGRAM_BYTES + room};
+            const mni_walk_desc desc = {.ram_bytes = MNI_PROGRAM_BYTES + room};
             mn_code code = mni_mnt_walk(&mnt, &desc, &nobody, &st);
             ck_assert_msg(code == MN_OK || code == MN_CAP_TOO_SMALL, "%s", st.text);
             refused |= code == MN_CAP_TOO_SMALL;
@@ -166,7 +170,7 @@ START_TEST(a_cap_is_kept_or_refused) {
                 continue;
             const char *try = strstr(st.text, "try --ram ");
             ck_assert_ptr_nonnull(try);
-            const mni_mnt_desc named = {.ram_bytes = strtoull(try + 10, NULL, 10) << 20};
+            const mni_walk_desc named = {.ram_bytes = strtoull(try + 10, NULL, 10) << 20};
             st = (mn_status){0};
             ck_assert_msg(mni_mnt_walk(&mnt, &named, &nobody, &st) == MN_OK, "%s", st.text);
         }
@@ -183,8 +187,8 @@ START_TEST(order_ids_are_looked_at_in_parts) {
     mn_tree tree;
     mni_mnt mnt;
     mn_status st = {0};
-    const mni_mnt_sink nobody = {0};
-    const mni_mnt_desc desc = {.ram_bytes = MNI_PROGRAM_BYTES + ROOM};
+    const mni_walk_sink nobody = {0};
+    const mni_walk_desc desc = {.ram_bytes = MNI_PROGRAM_BYTES + ROOM};
     ck_assert(mni_tree_alloc(&tree, LEAVES, 1, 0, false, &st) == MN_OK);
     for (uint32_t i = 0, from = 0; i < tree.inner; i++, from += 2) {
         tree.left[i] = from;
@@ -205,7 +209,7 @@ END_TEST
 /* The walk over the file, with bytes [at, at + count) as they are in memory. */
 static mn_code walk_with(const mni_mnt *mnt, const unsigned char *bytes, uint64_t at,
                          uint32_t count, mn_status *st) {
-    const mni_mnt_sink nobody = {0};
+    const mni_walk_sink nobody = {0};
     mni_mnt again;
     FILE *f = fopen(mnt->path, "r+b");
     ck_assert(f != NULL && fseek(f, (long)at, SEEK_SET) == 0);
@@ -214,7 +218,7 @@ static mn_code walk_with(const mni_mnt *mnt, const unsigned char *bytes, uint64_
     *st = (mn_status){0};
     mn_code code = mni_mnt_open(&again, mnt->path, st);
     if (code == MN_OK)
-        code = mni_mnt_walk(&again, &(mni_mnt_desc){0}, &nobody, st);
+        code = mni_mnt_walk(&again, &(mni_walk_desc){0}, &nobody, st);
     mni_mnt_close(&again);
     return code;
 }
@@ -263,9 +267,9 @@ START_TEST(a_child_that_two_references_lead_to_is_refused) {
 }
 END_TEST
 
-static mn_code stop_row(void *context, uint32_t at, const mni_row *row, const mni_node *node) {
+static mn_code stop_row(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     (void)row;
-    (void)node;
+    (void)child;
     return at == 100 ? mn_fail(context, MN_NO_SPACE, "no more, please") : MN_OK;
 }
 
@@ -275,8 +279,8 @@ START_TEST(who_takes_may_end_it) {
     mn_status st = {0}, own = {0};
     make_tree(0, &tree);
     open_cut(&tree, &cuts[0], &mnt);
-    const mni_mnt_sink sink = {.row = stop_row, .context = &own};
-    ck_assert_int_eq(mni_mnt_walk(&mnt, &(mni_mnt_desc){0}, &sink, &st), MN_NO_SPACE);
+    const mni_walk_sink sink = {.row = stop_row, .context = &own};
+    ck_assert_int_eq(mni_mnt_walk(&mnt, &(mni_walk_desc){0}, &sink, &st), MN_NO_SPACE);
     ck_assert_str_eq(own.text, "no more, please");
     mni_mnt_close(&mnt);
     mn_tree_free(&tree);

@@ -15,6 +15,61 @@
 #include "tree.h"
 #include "tree_fixture.h"
 #include "vdt_header.h"
+#include "walk.h"
+
+/* A walk over the file: the rows and simplices of the tree, from `from` on all of those nodes. */
+typedef struct walked {
+    const mn_tree *tree;
+    uint32_t next_row, nodes, simplices, node, from;
+} walked;
+
+static mn_code see_row(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
+    walked *w = context;
+    const mn_tree *t = w->tree;
+    ck_assert(w->from > 0 || at == w->next_row);
+    ck_assert_uint_ge(at, w->next_row);
+    w->next_row = at + 1;
+    w->node = child == NULL ? MN_NONE : row->order - t->leaves;
+    ck_assert(memcmp(t->leaf_position + 3 * (size_t)at, row->position, 12) == 0);
+    if (child == NULL)
+        return MN_OK;
+    w->nodes += row->order >= w->from;
+    ck_assert_uint_eq(t->leaf_mid[w->node], at);
+    ck_assert_uint_eq(t->leaf_lo[w->node], row->leaf_lo);
+    ck_assert_uint_eq(t->leaf_hi[w->node], row->leaf_hi);
+    ck_assert_uint_eq(t->left[w->node], child[0]);
+    ck_assert_uint_eq(t->right[w->node], child[1]);
+    return MN_OK;
+}
+
+static mn_code see_simplex(void *context, const mni_row_simplex *simplex) {
+    walked *w = context;
+    (void)simplex;
+    w->simplices += w->tree->leaves + w->node >= w->from;
+    return MN_OK;
+}
+
+static bool is_late(const void *context, uint32_t order) {
+    return order >= ((const walked *)context)->from;
+}
+
+static void walk_through(const char *path, const mn_tree *tree) {
+    mni_walked file;
+    mn_status st = {0};
+    ck_assert_msg(mni_walked_open(&file, path, NULL, &st) == MN_OK, "%s", st.text);
+    ck_assert(file.has_colors == (tree->leaf_color != NULL) && file.blocks == 0);
+    for (uint32_t part = 0; part <= 16; part += 4) {
+        const uint32_t made = part == 0 ? 0 : tree->inner - tree->inner / part;
+        walked w = {.tree = tree, .from = part == 0 ? 0 : tree->leaves + made};
+        const mni_walk_sink sink = {see_row, see_simplex, &w};
+        const mni_walk_desc desc = {.wanted = part == 0 ? NULL : is_late};
+        ck_assert_msg(mni_walk_file(&file, &desc, &sink, &st) == MN_OK, "%s", st.text);
+        ck_assert_uint_eq(w.nodes, tree->inner - made);
+        ck_assert_uint_eq(w.simplices, tree->simplices - tree->simplex_start[made]);
+        ck_assert(part > 0 || w.next_row == tree->leaves);
+    }
+    mni_walked_close(&file);
+}
 
 static void round_trip(const mn_tree *tree) {
     const char *path = fixture_path("round.vdt");
@@ -27,17 +82,21 @@ static void round_trip(const mn_tree *tree) {
     ck_assert_uint_eq(tree->counts.components, back.counts.components);
     ck_assert_uint_eq(tree->counts.rounds, back.counts.rounds);
     mn_tree_free(&back);
+    walk_through(path, tree);
 }
 
 /* A forest by lot: so many roots, of which some are lone leaves; all in one place. */
-static void forest(uint32_t leaves, uint32_t roots, bool chain, uint64_t *state, mn_tree *t) {
+typedef enum shape { BY_LOT = 0, TO_THE_RIGHT, TO_THE_LEFT } shape;
+static void forest(uint32_t leaves, uint32_t roots, shape kind, uint64_t *state, mn_tree *t) {
     mn_status st = {0};
     uint32_t *node = malloc(leaves * sizeof *node);
     ck_assert(mni_tree_alloc(t, leaves, roots, 0, false, &st) == MN_OK);
     for (uint32_t i = 0; i < leaves; i++)
         node[i] = i;
     for (uint32_t left = leaves, i = 0; left > roots; left--, i++) { /* neighbours become one */
-        uint32_t at = chain ? left - 2 : fixture_random(state) % (left - 1);
+        uint32_t at = kind == TO_THE_RIGHT  ? left - 2
+                      : kind == TO_THE_LEFT ? 0
+                                            : fixture_random(state) % (left - 1);
         t->left[i] = node[at];
         t->right[i] = node[at + 1];
         t->switch_value[i] = 2048;
@@ -58,14 +117,16 @@ START_TEST(any_shape_comes_back) {
     static const uint32_t size[][2] = {{1, 1},    {2, 2},    {2, 1},       {3, 2},     {5, 1},
                                        {1024, 1}, {1025, 7}, {3000, 2999}, {3000, 128}};
     for (size_t i = 0; i < sizeof size / sizeof *size; i++) {
-        forest(size[i][0], size[i][1], false, &state, &tree);
+        forest(size[i][0], size[i][1], BY_LOT, &state, &tree);
         round_trip(&tree);
         mn_tree_free(&tree);
     }
-    forest(10000, 1, true, &state, &tree);
-    ck_assert_uint_eq(tree.depth_max, 10000);
-    round_trip(&tree);
-    mn_tree_free(&tree);
+    for (shape s = TO_THE_RIGHT; s <= TO_THE_LEFT; s++) {
+        forest(10000, 1, s, &state, &tree);
+        ck_assert_uint_eq(tree.depth_max, 10000);
+        round_trip(&tree);
+        mn_tree_free(&tree);
+    }
     for (int kind = 0; kind < 3; kind++) {
         if (kind < 2)
             fixture_sheet(40, 3, kind == 1, &mesh);
@@ -79,6 +140,28 @@ START_TEST(any_shape_comes_back) {
         mn_tree_free(&tree);
         mn_mesh_free(&mesh);
     }
+}
+END_TEST
+
+/* The way down takes memory: a cap that has too little is refused with one that does. */
+START_TEST(a_deep_file_is_walked_within_a_cap) {
+    uint64_t state = 1;
+    char path[128];
+    mn_tree tree;
+    mn_status st = {0};
+    mn_verify_result result;
+    mn_verify_desc desc = {.ram_bytes = 4 << 20};
+    snprintf(path, sizeof path, "%s", fixture_path("deep.vdt"));
+    forest(40000, 1, TO_THE_LEFT, &state, &tree);
+    ck_assert(mn_tree_write(path, &tree, &st) == MN_OK);
+    ck_assert_int_eq(mn_verify(path, &desc, &result, &st), MN_CAP_TOO_SMALL);
+    const char *named = strstr(st.text, "--ram ");
+    ck_assert_msg(named != NULL, "%s", st.text);
+    desc.ram_bytes = strtoull(named + 6, NULL, 10) << 20;
+    st = (mn_status){0};
+    ck_assert_msg(mn_verify(path, &desc, &result, &st) == MN_OK, "%s", st.text);
+    ck_assert_uint_eq(result.nodes, 79999);
+    mn_tree_free(&tree);
 }
 END_TEST
 
@@ -534,6 +617,7 @@ int main(void) {
     TCase *t = tcase_create("files");
     tcase_set_timeout(t, 60);
     tcase_add_test(t, any_shape_comes_back);
+    tcase_add_test(t, a_deep_file_is_walked_within_a_cap);
     tcase_add_test(t, rows_say_what_nodes_are);
     tcase_add_test(t, the_build_id_is_of_the_content);
     tcase_add_loop_test(t, made_written_opened_and_blocked, 0, 2);
