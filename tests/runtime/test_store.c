@@ -162,6 +162,25 @@ START_TEST(cut_file_is_bad_input) {
 }
 END_TEST
 
+/* What is left for what is to come: nothing of the fewest, nothing where nobody looks ahead or the
+ * blocks are of levels; each place more is one more in use, or one more left. */
+START_TEST(places_to_come) {
+    mn_header header = {.blocking = MN_BLOCKING_PACKED, .block_depth = 7, .roots = 1};
+    const uint32_t k_min = mni_store_k_min(&header);
+    uint32_t before = k_min;
+    for (uint32_t k = k_min; k < k_min + 1000; k++) {
+        const uint32_t to_use = mni_store_k_to_use(&header, k, MN_PREFETCH_AHEAD);
+        ck_assert_uint_eq(to_use, k - (k - k_min) / 16);
+        ck_assert(to_use == before || to_use == before + 1);
+        ck_assert_uint_eq(mni_store_k_to_use(&header, k, MN_PREFETCH_NEIGHBOURS), k);
+        ck_assert_uint_eq(mni_store_k_to_use(&header, k, MN_PREFETCH_OFF), k);
+        before = to_use;
+    }
+    header.blocking = MN_BLOCKING_LEVELS;
+    ck_assert_uint_eq(mni_store_k_to_use(&header, 500, MN_PREFETCH_AHEAD), 500);
+}
+END_TEST
+
 START_TEST(too_few_place_holders) {
     made_file file;
     made_file_make(&file, &SMALL);
@@ -186,6 +205,7 @@ int main(void) {
     tcase_add_loop_test(tests, a_root_that_is_none_is_bad_input, MN_STORE_PAGED,
                         MN_STORE_RESIDENT + 1);
     tcase_add_loop_test(tests, cut_file_is_bad_input, MN_STORE_PAGED, MN_STORE_RESIDENT + 1);
+    tcase_add_test(tests, places_to_come);
     tcase_add_test(tests, too_few_place_holders);
     suite_add_tcase(suite, tests);
     return suite_run(suite);
