@@ -255,18 +255,19 @@ mn_code build_write(build_steps *b) {
     return code;
 }
 
-/* The folder of finished phases goes, unless the disk was full: who makes room can go on. */
+/* The folder of finished phases goes, unless more disk or more memory is all that is missing: who
+ * has it can go on. */
 static void end_work(build_steps *b) {
     static const char *const phase_names[] = {"", "reading", "simplifying", "ordering"};
     const mn_phase done = mn_work_done(b->work);
-    if (b->st.code == MN_NO_SPACE && mn_work_leave(b->work)) {
-        mn_status full = b->st;
-        b->st = (mn_status){0};
-        mn_fail(&b->st, full.code,
-                "%.350s; what %s has made is kept in %.150s: make room, then --resume", full.text,
-                phase_names[done], b->temp.work);
-    } else if (b->st.code != MN_NO_SPACE) {
+    const bool full = b->st.code == MN_NO_SPACE;
+    if (!full && b->st.code != MN_CAP_TOO_SMALL) {
         mn_work_close(b->work);
+    } else if (mn_work_leave(b->work)) {
+        mn_status left = b->st;
+        b->st = (mn_status){0};
+        mn_fail(&b->st, left.code, "%.350s; what %s has made is kept in %.150s%s --resume",
+                left.text, phase_names[done], b->temp.work, full ? ": make room, then" : ", for");
     }
     b->work = NULL;
     temp_end(&b->temp);

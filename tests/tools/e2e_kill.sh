@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Goal: whenever a build is killed, there is no output or a whole one, and --resume ends with the same bytes,
-# whatever memory and threads it has; likewise when its disk fills; whenever it is interrupted, it leaves nothing.
+# whatever memory and threads it has; likewise when its disk fills, or its memory is too little; whenever it is interrupted, it leaves nothing.
 # Method: builds that are killed, interrupted, or robbed of their disk, at moments that a seed decides; and
 # killed right after each phase. MN_SEED replays the moments, as far as a clock can; TIMES is how many
 # kills (50).
@@ -253,6 +253,18 @@ plan_of_corners() {
     umount disk
 }
 
+# What a part takes that cannot be cut is known when the mesh has been read: who has more memory goes on there.
+more_memory() {
+    corners 30000 40000 >loose.ply
+    expect 0 "loose corners" build loose.ply -o loose.mnt --ram 32M || return 0
+    expect 5 "too little memory" build loose.ply -o more.mnt --ram 12M &&
+        one_line "too little memory" "try --ram" reading kept --resume
+    check "too little memory: no output" test ! -e more.mnt
+    expect 0 "more memory" build loose.ply -o more.mnt --ram 32M --resume && one_line "more memory" reading
+    check "more memory: the same bytes" cmp loose.mnt more.mnt
+    check "more memory: nothing is left" test ! -e more.mnt.work
+}
+
 # A --temp-dir that is forgotten is remembered; one that holds nothing is refused.
 elsewhere() {
     rm -rf here temp && mkdir here temp other
@@ -324,6 +336,7 @@ part interrupts
 part nohups
 part full_disks
 part plan_of_corners
+part more_memory
 part elsewhere
 part moved
 finish

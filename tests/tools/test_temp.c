@@ -88,10 +88,6 @@ START_TEST(what_is_held) {
     close(nameless);
     ck_assert_uint_eq(held(), before + MEGABYTE);
     ck_assert_uint_eq(files.peak_bytes, before + 3 * MEGABYTE);
-    nameless = file_of(NULL, MEGABYTE);
-    temp_look(&files); /* too early for another look */
-    ck_assert_uint_eq(files.held_bytes, before + MEGABYTE);
-    close(nameless);
     close(other);
     close(kept);
     close(beside);
@@ -101,6 +97,30 @@ START_TEST(what_is_held) {
         unlink(path);
     }
     rmdir(files.work);
+}
+END_TEST
+
+/* Who asks at every step does not go through /proc each time. A disk that is slow to take the file
+ * is no fault: then it is tried again. */
+START_TEST(looks_are_apart) {
+    char out[64];
+    snprintf(out, sizeof out, "%s/out", folder);
+    place(out, NULL);
+    const uint64_t before = held();
+    struct timespec from, to;
+    double ms;
+    do {
+        (void)held();
+        clock_gettime(CLOCK_MONOTONIC, &from);
+        int nameless = file_of(NULL, 4096);
+        temp_look(&files);
+        clock_gettime(CLOCK_MONOTONIC, &to);
+        ms = 1e3 * (double)(to.tv_sec - from.tv_sec) + 1e-6 * (double)(to.tv_nsec - from.tv_nsec);
+        if (ms < 40)
+            ck_assert_uint_eq(files.held_bytes, before);
+        ck_assert_uint_eq(held(), before + 4096);
+        close(nameless);
+    } while (ms >= 40);
 }
 END_TEST
 
@@ -178,6 +198,7 @@ int main(void) {
     TCase *tc = tcase_create("temp");
     tcase_add_test(tc, places);
     tcase_add_test(tc, what_is_held);
+    tcase_add_test(tc, looks_are_apart);
     tcase_add_test(tc, what_is_kept_is_room);
     tcase_add_test(tc, links_stay_until_taken);
     tcase_add_test(tc, room);
