@@ -168,6 +168,11 @@ static uint32_t climb(const finisher *f, uint32_t at[], int corners, int *gone, 
     }
 }
 
+static void know_none(finisher *f) {
+    for (uint32_t i = 0; i < RECENT; i++)
+        f->recent[i] = (recent){MN_NONE, MN_NONE};
+}
+
 /* Whether such a hinge has been made lately. */
 static bool is_known(finisher *f, uint32_t number, uint32_t apex) {
     uint32_t hash = (number * 0x9e3779b1u) ^ (apex * 0x85ebca6bu);
@@ -232,6 +237,7 @@ static mn_code give_late(finisher *f, void *buffer) {
             collapse.simplices++;
         }
         mni_history_add_collapse(f->history, &collapse);
+        f->aside->late_count--;
         if (i % POLL_EVERY == 0 && f->poll->go_on != NULL && !f->poll->go_on(f->poll->context))
             return mn_fail(f->st, MN_FAILED, "interrupted");
     }
@@ -245,6 +251,7 @@ static mn_code run(finisher *f, uint64_t sort_bytes, const char *temp_dir) {
                                 .budget_bytes = sort_bytes,
                                 .temp_dir = temp_dir};
     void *buffer = f->aside->buffer;
+    know_none(f);
     mn_code code = mni_sort_open(&f->deaths, &desc, f->st);
     if (code == MN_OK && mni_spill_end(&f->aside->put_simplex) != MN_OK)
         code = trouble_of(&f->aside->simplex, f->st);
@@ -288,7 +295,7 @@ mn_code mni_aside_finish(mni_aside *a, mni_history *history, uint64_t work_bytes
                   .steps = a->late_count,
                   .step = malloc(((size_t)a->late_count + 1) * sizeof *f.step),
                   .group = malloc(((size_t)a->late_count + 1) * sizeof *f.group),
-                  .recent = calloc(RECENT, sizeof *f.recent),
+                  .recent = malloc(RECENT * sizeof *f.recent),
                   .poll = poll,
                   .st = st};
     mn_code code = f.step != NULL && f.group != NULL && f.recent != NULL

@@ -33,7 +33,7 @@
 typedef struct mni_aside {
     mni_spill simplex, late;
     uint64_t count;
-    uint32_t late_count; /* collapses since all simplices are aside */
+    uint32_t late_count; /* collapses since all simplices are aside, until the history has them */
     bool all;            /* they are */
     unsigned char *buffer;
     mni_spill_writer put_simplex, put_late;

@@ -19,13 +19,13 @@ static inline mni_exttriangle mni_exttriangle_turned(uint32_t a, uint32_t b, uin
     return c < a && c < b ? (mni_exttriangle){{c, a, b}} : (mni_exttriangle){{a, b, c}};
 }
 
-/* Turned, the smallest no smaller than that of the last one, which is 0 at first. */
 /* A triangle's corners are in so many thousands of vertices more than one. */
 static inline uint32_t mni_exttriangle_crossings(const mni_exttriangle *t) {
     const uint32_t a = t->corner[0] >> 10, b = t->corner[1] >> 10, c = t->corner[2] >> 10;
     return (uint32_t)(b != a) + (uint32_t)(c != a && c != b);
 }
 
+/* Turned, the smallest no smaller than that of the last one, which is 0 at first. */
 static inline void mni_exttriangle_put(mni_spill_writer *w, const mni_exttriangle *t,
                                        uint32_t *last) {
     unsigned char packed[MNI_EXTTRIANGLE_MAX];

@@ -420,8 +420,9 @@ static mn_code open_samples(rounds *r) {
 static mn_code make_room(rounds *r, uint64_t largest) {
     if (r->desc.work_bytes == 0)
         return MN_OK;
-    uint64_t most = r->all_bytes - REST_BYTES_MIN;
-    r->cells_bytes = r->usual_cells > largest ? r->usual_cells : largest < most ? largest : most;
+    uint64_t most = r->all_bytes > REST_BYTES_MIN ? r->all_bytes - REST_BYTES_MIN : 0;
+    most = largest < most ? largest : most;
+    r->cells_bytes = r->usual_cells > most ? r->usual_cells : most;
     r->rest_bytes = r->all_bytes - r->cells_bytes;
     return largest > r->usual_cells ? mni_tiles_empty(r->now, r->st) : MN_OK;
 }
