@@ -14,10 +14,10 @@
 enum {
     MNI_AHEAD_HORIZON = 12, /* frames that the camera is looked ahead */
     MNI_AHEAD_NEAR = 6,     /* and in every other round of the front */
-    MNI_AHEAD_SOON = 2,     /* and for what is split early */
+    MNI_AHEAD_SOON = 3,     /* and for what is split early */
     MNI_AHEAD_TURNS = 4,    /* frames in which the whole front has its turn; so much less is told */
     MNI_AHEAD_UP_TURNS =
-        16, /* in which its forks have: the way up is in memory for the most part */
+        32, /* in which its forks have: the way up is in memory for the most part */
 };
 
 typedef struct mni_ahead {

@@ -10,7 +10,7 @@
  *                   within half a doubling, there by place), each with the chain of neighbours that
  *                   must split before it. A chain is found by splitting, and undone in reverse when
  *                   it cannot be carried out whole. Children that are wanted join the agenda.
- *   early splits    what the camera, extrapolated, will want two frames on, while there is room
+ *   early splits    what the camera, extrapolated, will want three frames on, while there is room
  *   level           when the wanted mesh did not fit, the tolerance rises a step for the next
  *                   frame, and falls a step when there is room. While the camera stands, a level
  *                   that did not fit is not tried again, so it ends.
@@ -680,7 +680,8 @@ static void judge_early(mni_navigator *nav, const uint32_t *slot, int count) {
     }
 }
 
-/* Whoever is not wanted until the clock has passed where it will be then needs no look. */
+/* Whoever is not wanted until the clock has passed where it will be then needs no look. Every other
+ * batch has its turn, so each has one before it is wanted, and the search costs half. */
 static void early_agenda(mni_navigator *nav) {
     const mni_front *f = &nav->front;
     const float clock = (float)((double)nav->clock + nav->ahead.soon_motion);
@@ -688,7 +689,9 @@ static void early_agenda(mni_navigator *nav) {
     float margin[MNI_SIEVE_BATCH];
     int count = 0;
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t first = 0; first < f->slots_high; first += MNI_SIEVE_BATCH) {
+    nav->early_odd ^= true;
+    for (uint32_t first = nav->early_odd ? MNI_SIEVE_BATCH : 0; first < f->slots_high;
+         first += 2 * MNI_SIEVE_BATCH) {
         uint64_t late = mni_sieve_late(&nav->slot_due[first], clock);
         if (late == 0)
             continue;

@@ -58,7 +58,8 @@ typedef struct mni_navigator {
     mni_lens lens;
     mni_sieve sieve;   /* the lens, in single precision */
     bool early;        /* there is room for what the camera will want in a moment … */
-    bool early_splits; /* … which has its turn now */
+    bool early_splits; /* … which has its turn now … */
+    bool early_odd;    /* … those in odd batches of slots, or in even ones */
     mni_ahead ahead;
     float clock; /* motion of the camera up to now, and at times from 0 again */
     mn_camera camera;
