@@ -95,6 +95,8 @@ mni_answer mni_pool_overflow(mni_pool *pool, const mni_wish *wish, const void **
 void mni_pool_attempt_over(mni_pool *pool);
 /* What the rules leave for blocks that are not in use; below 1: nothing. */
 int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use);
+/* See mni_store_fill. */
+double mni_pool_fill(const mni_pool *pool, uint32_t table_count, uint32_t in_use);
 /* Asks for a root block before the first frame; mni_pool_end_frame posts it. */
 void mni_pool_ask_root(mni_pool *pool, mn_block_ref ref);
 bool mni_pool_has(mni_pool *pool, uint32_t block_id);

@@ -10,11 +10,12 @@
  * The rules (design.md §4, repairs a and b), with K the place holders in service, U the blocks in
  * use, A the ancestor table and G the grants not in use:
  *
- *   packed   switch down     |A| + added + (G outside A) <= K, less what is left for what is to
- * come levels   switch down     K - (U + 1) - G - (being read for no grant) >= 1; while it is only
- * the reads that stand in the way, the answer is "absent": they will end urgent down     K - U - G
- * >= 3 both     overflow        as a switch down that adds to G alone both     K >= blocks     no
- * rule: each block has a place of its own
+ *   packed   switch down     |A| + added + (G outside A) <= K - (places left for what is to come)
+ *   levels   switch down     K - (U + 1) - G - (being read for no grant) >= 1; while it is only the
+ *                            reads that stand in the way, the answer is "absent": they will end
+ *            urgent down     K - U - G >= 3
+ *   both     overflow        as a switch down that adds to G alone
+ *   both     K >= blocks     no rule: each block has a place of its own
  */
 #include "mn_assert.h"
 #include "frame.h"
@@ -85,6 +86,15 @@ int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_us
     if (pool->header->blocking == MN_BLOCKING_PACKED)
         return k_to_use(pool) - table_count - (int64_t)pool->grants.idle_outside;
     return k - in_use - (int64_t)pool->grants.idle;
+}
+
+double mni_pool_fill(const mni_pool *pool, uint32_t table_count, uint32_t in_use) {
+    const uint32_t k = k_in_service(pool);
+    if (k >= pool->header->blocks)
+        return 0;
+    if (pool->header->blocking == MN_BLOCKING_PACKED)
+        return (double)table_count / (double)k_to_use(pool);
+    return (double)in_use / (k - 1);
 }
 
 /* ---- asking ---------------------------------------------------------------------------------- */

@@ -17,8 +17,6 @@ struct mni_store {
     const mni_store_kind *kind;
     void *blocks; /* the kind's own */
     const mn_header *header;
-    uint32_t
-        places; /* that may be in use, when there are fewer place holders than blocks; else 0 */
     /* Navigate only */
     mni_ancestors table;
     uint32_t absent_id;           /* the last MNI_ABSENT */
@@ -164,8 +162,6 @@ mn_code mni_store_open(const mni_store_desc *desc, mni_arena *arena, mni_store *
     mni_store *store = mni_arena_take(arena, 1, sizeof *store, _Alignof(mni_store));
     store->kind = kind_of(desc->kind);
     store->header = desc->header;
-    if (desc->kind == MN_STORE_PAGED && desc->k < desc->header->blocks)
-        store->places = mni_store_k_to_use(desc->header, desc->k, desc->prefetch);
     mni_ancestors_open(&store->table, mni_store_entries_max(desc->header, desc->kind, desc->k),
                        arena);
     mn_code code = store->kind->open(desc, arena, &store->blocks, st);
@@ -361,7 +357,9 @@ void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident) {
 }
 
 double mni_store_fill(const mni_store *store) {
-    return store->places > 0 ? (double)store->table.count / store->places : 0;
+    const mni_ancestors *table = &store->table;
+    return store->kind->fill != NULL ? store->kind->fill(store->blocks, table->count, table->in_use)
+                                     : 0;
 }
 
 uint32_t mni_store_with_ancestors(const mni_store *store) {

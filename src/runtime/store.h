@@ -176,8 +176,9 @@ uint32_t mni_store_pending(mni_store *store);
 uint64_t mni_store_epoch(const mni_store *store);
 /* Blocks in use and blocks in real memory; blocks in use with all their ancestors. */
 void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident);
-/* Blocks in use and their ancestors over place holders: near 1 switches down are refused. 0: there
- * is room for all blocks. */
+/* packed: blocks in use and their ancestors, levels: blocks in use, over the place holders in
+ * service that the rules let them have: near 1 switches down are refused. 0: there is room for all
+ * blocks. */
 double mni_store_fill(const mni_store *store);
 uint32_t mni_store_with_ancestors(const mni_store *store);
 

@@ -39,6 +39,7 @@ typedef struct mni_store_kind {
      * are no rules. */
     mni_refusal (*refusal)(const void *self);
     int64_t (*room)(const void *self, uint32_t table_count, uint32_t in_use);
+    double (*fill)(const void *self, uint32_t table_count, uint32_t in_use);
     /* Of a block that was answered "absent": is it asked for, and has not failed? NULL: never. */
     bool (*comes)(void *self, uint32_t block_id);
     /* NULL: nothing is fetched that is not asked for. */

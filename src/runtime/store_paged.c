@@ -273,6 +273,10 @@ static int64_t room(const void *self, uint32_t table_count, uint32_t in_use) {
     return mni_pool_room(&((const paged *)self)->pool, table_count, in_use);
 }
 
+static double fill(const void *self, uint32_t table_count, uint32_t in_use) {
+    return mni_pool_fill(&((const paged *)self)->pool, table_count, in_use);
+}
+
 /* ---- foresight ------------------------------------------------------------------------------- */
 
 static void look(void *self, const void *look) {
@@ -391,6 +395,7 @@ const mni_store_kind mni_store_paged = {
     .attempt_over = attempt_over,
     .refusal = refusal,
     .room = room,
+    .fill = fill,
     .comes = comes,
     .look = look,
     .ahead = ahead,

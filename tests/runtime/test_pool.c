@@ -455,6 +455,32 @@ START_TEST(chunks_retire_and_return) {
 }
 END_TEST
 
+/* How full it is, is of the places in service: the same root takes a larger share of fewer. */
+START_TEST(fewer_places_fill_sooner) {
+    made_desc made = {.seed = 5,
+                      .blocks = 1365,
+                      .depth_max = 6,
+                      .fanout_max = 4,
+                      .pages_max = 1,
+                      .regular = true,
+                      .blocking = (mn_blocking)_i};
+    made_file_make(&file, &made);
+    walker w;
+    mni_store_desc desc = {.kind = MN_STORE_PAGED, .io = MN_IO_SIM, .k = 1300, .io_serial = true};
+    ck_assert_uint_gt(file.header.blocks, desc.k);
+    ck_assert(walker_open(&w, &file, desc));
+    walker_settle(&w, 0, 100);
+    const double fill = mni_store_fill(w.store);
+    ck_assert(fill > 0 && fill < 0.01);
+    ck_assert(mni_store_shrink(w.store));
+    ck_assert_double_gt(mni_store_fill(w.store), 1.2 * fill);
+    ck_assert(mni_store_grow(w.store));
+    ck_assert_double_eq(mni_store_fill(w.store), fill);
+    walker_close(&w);
+    made_file_free(&file);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("pool");
     TCase *tests = tcase_create("pool");
@@ -469,6 +495,8 @@ int main(void) {
     tcase_add_test(tests, lying_references_are_absent);
     tcase_add_test(tests, a_full_ancestor_table_refuses);
     tcase_add_loop_test(tests, chunks_retire_and_return, MN_IO_URING, MN_IO_SIM + 1);
+    tcase_add_loop_test(tests, fewer_places_fill_sooner, MN_BLOCKING_PACKED,
+                        MN_BLOCKING_LEVELS + 1);
     suite_add_tcase(suite, tests);
     return suite_run(suite);
 }
