@@ -86,8 +86,7 @@ static uint32_t fork_key(const mni_navigator *nav, uint32_t fork) {
     return nav->crowded ? b->leaf_lo : b->order;
 }
 
-/* The fork, if it is one and not wanted. It is new: so it is looked at in
- * the next frame. */
+/* The fork, if it is one and not wanted. It is new: so it is looked at in the next frame. */
 static void consider_fork(mni_navigator *nav, uint32_t fork) {
     if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
         return;

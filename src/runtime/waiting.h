@@ -23,12 +23,12 @@ uint32_t mni_waiting_wake(mni_waiting *waiting, uint32_t slot);
 static inline uint32_t mni_waiting_next(const mni_waiting *waiting, uint32_t fork) {
     return waiting->front->branch[fork].wait_next - 1;
 }
-/* Asserts the equations of this struct. */
 /* The first who waits for a slot's node to go, asked for ahead of time. */
 static inline void mni_waiting_fetch(const mni_waiting *w, uint32_t slot) {
     const uint32_t first = w->front->node[slot].waits;
     __builtin_prefetch(&w->front->branch[first - (first != 0)]);
 }
+/* Asserts the equations of this struct. */
 void mni_waiting_check(const mni_waiting *waiting);
 
 #endif
