@@ -461,8 +461,15 @@ section_bytes 248 u64 3
 simplices_bytes 272 u64 0xffffffffffffffff'
 
 vdt_refused() {
+    local name=$1
+    expect 3 "$name" info bad.vdt && one_line "$name" bad.vdt
+    vdt_lies "$name"
+}
+
+# What agrees with its checksum and is not so is for those to find who go through the tree: info does not.
+vdt_lies() {
     local name=$1 command
-    for command in "info bad.vdt" "verify bad.vdt" "extract bad.vdt --full -o never.ply" "block bad.vdt -o never.mnt"; do
+    for command in "verify bad.vdt" "extract bad.vdt --full -o never.ply" "block bad.vdt -o never.mnt"; do
         # shellcheck disable=SC2086
         expect 3 "$name" $command && one_line "$name" bad.vdt
     done
@@ -476,7 +483,8 @@ vdt_files() {
         vdt_refused ".vdt, $name damaged"
         [[ $name != checksum && $name != build_id ]] || continue
         "$damage" bad.vdt seal
-        vdt_refused ".vdt, $name damaged, sealed"
+        [[ $name == depth_max ]] || vdt_refused ".vdt, $name damaged, sealed"
+        [[ $name != depth_max ]] || vdt_lies ".vdt, $name damaged, sealed"
     done <<<"$vdt_fields"
     size=$(stat -c %s tree.vdt)
     for at in 7 8 100 287 288; do
@@ -495,7 +503,7 @@ vdt_files() {
             "$damage" bad.vdt put $((start + bytes / record / 2 * record + at)) u32 0xfffffff0
             [[ $at -gt 0 ]] || vdt_refused ".vdt, section $section damaged"
             "$damage" bad.vdt seal
-            vdt_refused ".vdt, section $section lies at $at of a record"
+            vdt_lies ".vdt, section $section lies at $at of a record"
         done
     done
 }
