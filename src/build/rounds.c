@@ -152,7 +152,10 @@ static uint64_t cells_share(const rounds *r, uint64_t work_bytes) {
 static mn_code check_room(const rounds *r, uint64_t bytes) {
     if (bytes <= r->cells_bytes)
         return MN_OK;
-    uint64_t work = bytes + REST_BYTES_MIN + TABLES_MAX + r->desc.threads * THREAD_BYTES;
+    uint64_t grown = usual_bytes((uint64_t)GROWN_MAX * r->desc.cell_vertices), most = bytes;
+    if (2 * bytes > 3 * usual_bytes(r->desc.cell_vertices) && grown > bytes) /* cells may grow */
+        most = grown;
+    uint64_t work = most + REST_BYTES_MIN + TABLES_MAX + r->desc.threads * THREAD_BYTES;
     uint64_t all = (MNI_PROGRAM_BYTES + work) / 10 * 11; /* a part is kept in hand (vdt.c) */
     return mn_fail(r->st, MN_CAP_TOO_SMALL,
                    "a part of the model that cannot be cut takes %llu MB; try --ram %lluM",
