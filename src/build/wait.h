@@ -12,11 +12,14 @@
 
 #include "simplify.h"
 
-/* By trial, in cells of 8,192 vertices, on a scan of 134,345 and a globe of 145,262. Vertices that
- * go on to a later round, all rounds counted, in parts of all, and how much farther from the
- * original half of the triangles are than when all is simplified at once: 2: 0.59 and 0.77, 0.8 %
- * and 0.7 %      4: 0.47 and 0.52, 1.2 % and 1.8 % 3: 0.50 and 0.56, 1.3 % and 1.4 %      rings not
- * closed: 2.5 to 3 % */
+/* By trial, in cells of 8,192 vertices, on a scan of 134,345 and a globe of 145,262: vertices that
+ * go on to a later round, all rounds counted, in parts of all; and how much farther from the
+ * original half of the triangles are than when all is simplified at once.
+ *
+ *     2                  0.59 and 0.77    0.8 % and 0.7 %
+ *     3                  0.50 and 0.56    1.3 % and 1.4 %
+ *     4                  0.47 and 0.52    1.2 % and 1.8 %
+ *     rings not closed                    2.5 % to 3 % */
 #define MNI_WAIT_RING 3.0f
 
 /* From where on a vertex that waits for such a cost is closed. 0 is for vertices of other cells. */

@@ -6,16 +6,10 @@
 #include <string.h>
 
 #include "agenda.h"
+#include "dice.h"
 #include "suite.h"
 
 enum { MAX = 3000 };
-
-static uint64_t random_state;
-
-static uint32_t uniform(uint32_t below) {
-    random_state = random_state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
-    return (uint32_t)((random_state >> 33) % below);
-}
 
 static mni_arena open_agenda(mni_agenda *agenda, uint32_t max) {
     mni_arena arena;

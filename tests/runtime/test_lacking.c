@@ -5,17 +5,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "dice.h"
 #include "lacking.h"
 #include "suite.h"
 
 enum { NODES = 500 };
-
-static uint64_t random_state;
-
-static uint32_t uniform(uint32_t below) {
-    random_state = random_state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
-    return (uint32_t)((random_state >> 33) % below);
-}
 
 static mni_arena open_lacking(mni_lacking *lacking, uint32_t nodes_max) {
     mni_arena arena;

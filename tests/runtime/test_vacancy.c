@@ -6,19 +6,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "dice.h"
 #include "suite.h"
 #include "vacancy.h"
 
 enum { MAX = 70000 };
 static const uint32_t sizes[] = {1, 2, 63, 64, 65, 511, 512, 513, 4096, 4160, 65537, MAX};
 enum { SIZES = sizeof sizes / sizeof *sizes };
-
-static uint64_t random_state;
-
-static uint32_t uniform(uint32_t below) {
-    random_state = random_state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
-    return (uint32_t)((random_state >> 33) % below);
-}
 
 static mni_arena open_vacancy(mni_vacancy *v, uint32_t max) {
     mni_arena arena;
