@@ -261,6 +261,10 @@ static void fill(const page *p, mn_header *h) {
     }
 }
 
+static bool is_ours(const void *bytes) {
+    return memcmp(bytes, magic, sizeof magic) == 0;
+}
+
 mn_code mni_header_decode(const void *bytes, uint64_t file_bytes, const char *name, mn_header *out,
                           mn_status *st) {
     page p;
@@ -270,7 +274,7 @@ mn_code mni_header_decode(const void *bytes, uint64_t file_bytes, const char *na
                        "%s: is a .vdt, not a .mnt yet: make one of it with metanode block %s -o "
                        "OUT.mnt",
                        name, name);
-    if (memcmp(p.magic, magic, sizeof magic) != 0)
+    if (!is_ours(bytes))
         return mn_fail(st, MN_BAD_INPUT,
                        "%s: header: magic is not that of a .mnt; make one with metanode build, or "
                        "with metanode block from a .vdt",
@@ -305,11 +309,11 @@ mn_code mn_header_read(const char *path, mn_header *out, mn_status *st) {
     int64_t have = mni_in_read(&in, 0, bytes, sizeof bytes);
     if (have < 0)
         code = mn_fail(st, MN_FAILED, "%s: cannot read: %s", path, strerror((int)-have));
-    else if (have < (int64_t)sizeof bytes)
-        code =
-            mn_fail(st, MN_BAD_INPUT,
-                    "%s: header: the file ends after %d bytes of %d; make one with metanode build",
-                    path, (int)have, MN_PAGE_BYTES);
+    else if (have < (int64_t)sizeof magic || (have < (int64_t)sizeof bytes && is_ours(bytes)))
+        code = mn_fail(st, MN_BAD_INPUT,
+                       "%s: header: the file ends after %d bytes of %d; copy it whole, or make one "
+                       "with metanode build",
+                       path, (int)have, MN_PAGE_BYTES);
     else
         code = mni_header_decode(bytes, in.size_bytes, path, out, st);
     mni_in_close(&in);

@@ -170,7 +170,7 @@ for bytes in 5000 8192; do # within a block, and after one
 done
 : >cut.mnt
 expect 3 replay cut.mnt --path orbit
-says 'ends after 0 bytes of 4096; make one with metanode build'
+says 'ends after 0 bytes of 4096; copy it whole, or make one with metanode build'
 expect 3 replay a.vdt --path orbit
 says 'is a .vdt, not a .mnt yet: .*metanode block'
 cp a.mnt torn.mnt

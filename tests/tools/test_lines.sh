@@ -66,6 +66,26 @@ head -c 60000 in.ply >cut.ply
 expect 3 build cut.ply -o x.mnt
 says 'it is cut off'
 
+# --- what is no mesh, and no tree, is called what it is
+printf 'ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n%s' \
+    'element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+' >one.ply
+expect 0 build one.ply -o one.mnt
+for file in one.ply in.ply; do # shorter than a header, and longer
+    expect 3 info $file
+    says 'magic is not that of a .mnt; make one with metanode build'
+done
+expect 0 simplify one.ply -o one.vdt
+[ "$(wc -c <one.vdt)" -lt 4096 ] || fail "one.vdt is not short"
+expect 3 replay one.vdt --path orbit
+says 'metanode block one.vdt -o'
+
 # --- a trace, from a frame that it has not, and to standard output
 expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
 expect 2 trace t.trace --to csv --from-frame 7 -o t.csv
