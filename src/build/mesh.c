@@ -78,17 +78,53 @@ static bool refuse_own(mni_source *source, const char *what) {
     return false;
 }
 
+/* Models are often handed on compressed. NULL: not by anything known. */
+static const char *compressed_by(const mni_source *source) {
+    static const struct {
+        const char *name, *magic;
+        size_t bytes;
+    } known[] = {{"gzip", "\x1f\x8b", 2},
+                 {"bzip2", "BZh", 3},
+                 {"xz",
+                  "\xfd"
+                  "7zXZ",
+                  5},
+                 {"zstd", "\x28\xb5\x2f\xfd", 4},
+                 {"zip", "PK\3\4", 4}};
+    const size_t left = (size_t)(source->end - source->at);
+    for (size_t i = 0; i < sizeof known / sizeof *known; i++)
+        if (left >= known[i].bytes && memcmp(source->at, known[i].magic, known[i].bytes) == 0)
+            return known[i].name;
+    return NULL;
+}
+
+/* A binary STL whose length is wrong: it says so itself, or is not too far off. */
+static bool may_be_stl(const mni_source *source) {
+    enum { FACTOR = 64 };
+    const uint64_t wanted = STL_HEAD_BYTES + STL_FACET_BYTES * stl_facets(source);
+    const size_t name = strlen(source->name);
+    return memcmp(source->at, "solid", 5) == 0 ||
+           (name >= 4 && strcasecmp(source->name + name - 4, ".stl") == 0) ||
+           (wanted / FACTOR <= source->size && source->size / FACTOR <= wanted);
+}
+
 /* No text and no magic: at best a binary STL of the wrong length. */
 static bool refuse_unknown(mni_source *source) {
     char hint[160] = "";
     const size_t left = (size_t)(source->end - source->at);
+    const char *packed = compressed_by(source);
     if (left >= 8 && memcmp(source->at, "MNTREE\r\n", 8) == 0)
         return refuse_own(source, "a .mnt, which is built already: metanode block cuts it in "
                                   "another way, extract makes a mesh of it");
     if (left >= 8 && memcmp(source->at, "MNVDT\0\r\n", 8) == 0)
         return refuse_own(source, "a .vdt, which is simplified already: metanode block makes a "
                                   ".mnt of it, extract a mesh");
-    if (source->size >= STL_HEAD_BYTES)
+    if (packed != NULL) {
+        mn_fail(source->st, MN_BAD_INPUT, "%s: is compressed (%s): unpack it first", source->name,
+                packed);
+        return false;
+    }
+    if (left >= STL_HEAD_BYTES && may_be_stl(source))
         snprintf(hint, sizeof hint,
                  " (as a binary STL of %" PRIu64 " facets it would have %" PRIu64
                  " bytes; it has %" PRIu64 ")",

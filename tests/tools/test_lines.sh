@@ -85,6 +85,12 @@ expect 0 simplify one.ply -o one.vdt
 [ "$(wc -c <one.vdt)" -lt 4096 ] || fail "one.vdt is not short"
 expect 3 replay one.vdt --path orbit
 says 'metanode block one.vdt -o'
+gzip -c in.ply >packed.ply
+expect 3 build packed.ply -o x.mnt
+says 'packed.ply: is compressed (gzip): unpack it first'
+{ printf '\211PNG\r\n\032\n\000\000\000' && head -c 3000 /dev/zero | tr '\000' '\377'; } >other.png
+expect 3 build other.png -o x.mnt
+says 'OBJ, OFF and OM are$'
 
 # --- a trace, from a frame that it has not, and to standard output
 expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
