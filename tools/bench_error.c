@@ -15,9 +15,9 @@ enum { FRONTS_MAX = 16 };
 static const char help[] =
     "usage: metanode bench error FILE … [--fronts 50,10,1] [--samples N] [--seed S]\n"
     "                                   [--metric qem|length] [--json]\n\n"
-    "Simplifies each mesh on the grid that build uses, and measures, at the fronts of a prefix of "
-    "the order ids with so many\n"
-    "percent of the triangles, how far the front is from points spread evenly over the input.\n\n"
+    "Simplifies each mesh on the grid that build uses, and measures, at the fronts of a prefix of\n"
+    "the order ids with so many percent of the triangles, how far the front is from points spread\n"
+    "evenly over the input.\n\n"
     "honest   share of samples that are no further than their bound, the largest switch value of\n"
     "         the active nodes of their triangle's three leaves, + 1e-7 of the diagonal "
     "(positions\n"

@@ -92,6 +92,15 @@ says 'packed.ply: is compressed (gzip): unpack it first'
 expect 3 build other.png -o x.mnt
 says 'OBJ, OFF and OM are$'
 
+# --- help fits a terminal; counts are taken as it says; names may be any bytes
+for command in build simplify block info verify extract make compare replay view shoot stress trace \
+    tune "bench adapt" "bench draw" "bench error" "bench simplify"; do
+    # shellcheck disable=SC2086 # a command and its name
+    expect 0 $command --help
+    LC_ALL=C.UTF-8 awk -v name="$command" 'length($0) > 100 { print "FAILED: " name ": " $0; wide = 1 }
+        END { exit wide }' out.txt || failures=$((failures + 1))
+done
+
 # --- a trace, from a frame that it has not, and to standard output
 expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
 expect 2 trace t.trace --to csv --from-frame 7 -o t.csv
