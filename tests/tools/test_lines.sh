@@ -100,6 +100,11 @@ for command in build simplify block info verify extract make compare replay view
     LC_ALL=C.UTF-8 awk -v name="$command" 'length($0) > 100 { print "FAILED: " name ": " $0; wide = 1 }
         END { exit wide }' out.txt || failures=$((failures + 1))
 done
+bytes=$(printf 'b\344d \342\202\254 \355\240\200.ply') # Latin-1, a euro, half a surrogate pair
+cp one.ply "$bytes"
+expect 0 bench error "$bytes" --json --samples 100
+iconv -f UTF-8 -t UTF-8 out.txt >/dev/null 2>&1 || fail "--json is no UTF-8"
+grep -aq '"file": "b\\ufffdd € \\ufffd\\ufffd\\ufffd.ply"' out.txt || fail "--json: $(grep -a file out.txt)"
 
 # --- a trace, from a frame that it has not, and to standard output
 expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
