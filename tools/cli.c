@@ -154,7 +154,7 @@ bool cli_u64(const char *text, uint64_t min, uint64_t max, uint64_t *value) {
         return false;
     unsigned long long v = strtoull(text, &end, 10), unit = 1;
     static const char units[] = "kMG";
-    const char *found = *end != 0 ? strchr(units, *end) : NULL;
+    const char *found = *end != 0 ? strchr(units, *end == 'K' ? 'k' : *end) : NULL;
     for (long i = 0; found != NULL && i <= found - units; i++)
         unit *= 1000;
     if (end[found != NULL] != 0 || errno != 0 || v > max / unit || v * unit < min)

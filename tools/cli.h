@@ -83,7 +83,7 @@ mn_code cli_flags(int argc, char **argv, const cli_flag *flags, const char *help
 /* "16M", "16MB", "16MiB", "1.5G", "4096": powers of 1024. false: not a size, or 0, or above 2^62.
  */
 bool cli_size(const char *text, uint64_t *bytes);
-/* "100", "20k", "5M": powers of 1000. */
+/* "100", "20k" or "20K", "5M": powers of 1000. */
 bool cli_u64(const char *text, uint64_t min, uint64_t max, uint64_t *value);
 bool cli_double(const char *text, double min, double max, double *value);
 /* Which of names[] (NULL at the end) text is; -1: none. */

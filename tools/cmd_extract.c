@@ -52,7 +52,7 @@ int cmd_extract(int argc, char **argv) {
          .kind = CLI_IS_WHOLE,
          .to = &desc.triangles,
          .max = UINT64_MAX,
-         .wants = "a whole number",
+         .wants = "a whole number, such as 5000 or 5k",
          .given = &by_count},
         {.name = "error",
          .kind = CLI_IS_LENGTH,

@@ -104,7 +104,8 @@ int cmd_make(int argc, char **argv) {
     bool done;
     const cli_flag flags[] = {
         CLI_OUTPUT(&out),
-        CLI_WHOLE("triangles", &desc.triangles, 1, UINT64_MAX, "a number above 0"),
+        CLI_WHOLE("triangles", &desc.triangles, 1, UINT64_MAX,
+                  "a number above 0, such as 5000, 20k or 5M"),
         CLI_WHOLE("seed", &desc.seed, 0, UINT64_MAX, "a whole number"),
         CLI_WHOLE("times", &times, 1, 15, "in 1 … 15"),
         CLI_TEXT("etopo", &desc.etopo),

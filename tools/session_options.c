@@ -192,8 +192,9 @@ static const char *take(session_options *o, int option, const char *value) {
                    ? NULL
                    : "--tolerance: pixels, 0.001 to 1000000";
     case SESSION_TRIANGLES_MAX:
-        return cli_u64(value, 1, UINT32_MAX, &o->desc.triangles_max) ? NULL
-                                                                     : "--triangles-max: a number";
+        return cli_u64(value, 1, UINT32_MAX, &o->desc.triangles_max)
+                   ? NULL
+                   : "--triangles-max: a number above 0";
     case SESSION_SIZE:
         return take_size(o, value) ? NULL : "--size: such as 1280x720, up to 16384 each way";
     case SESSION_FOV:
@@ -207,7 +208,9 @@ static const char *take(session_options *o, int option, const char *value) {
     case SESSION_FPS:
         return take_float(value, 0, 1e6, &o->desc.fps) ? NULL : "--fps: 0 to 1000000";
     case SESSION_NAV_OPS:
-        return cli_u64(value, 0, UINT64_MAX, &o->desc.nav_ops) ? NULL : "--nav-ops: a number";
+        return cli_u64(value, 0, UINT64_MAX, &o->desc.nav_ops)
+                   ? NULL
+                   : "--nav-ops: a number, 0 for no limit";
     case SESSION_FRUSTUM:
     case SESSION_CONES:
     case SESSION_SILHOUETTES:
@@ -218,7 +221,7 @@ static const char *take(session_options *o, int option, const char *value) {
         o->desc.trace_path = value;
         return NULL;
     case SESSION_SEED:
-        return cli_u64(value, 0, UINT64_MAX, &o->desc.seed) ? NULL : "--seed: a number";
+        return cli_u64(value, 0, UINT64_MAX, &o->desc.seed) ? NULL : "--seed: a number from 0";
     default: /* the switches */
         o->desc.io_serial |= option == SESSION_IO_SERIAL;
         o->desc.barrier |= option == SESSION_BARRIER;

@@ -100,6 +100,10 @@ for command in build simplify block info verify extract make compare replay view
     LC_ALL=C.UTF-8 awk -v name="$command" 'length($0) > 100 { print "FAILED: " name ": " $0; wide = 1 }
         END { exit wide }' out.txt || failures=$((failures + 1))
 done
+for count in 2000 2k 2K; do
+    expect 0 extract a.mnt --triangles $count -o x.ply
+    grep -q ' 2000 triangles$' out.txt || fail "--triangles $count: $(cat out.txt)"
+done
 bytes=$(printf 'b\344d \342\202\254 \355\240\200.ply') # Latin-1, a euro, half a surrogate pair
 cp one.ply "$bytes"
 expect 0 bench error "$bytes" --json --samples 100
