@@ -224,6 +224,9 @@ void cli_interrupts_catch(void) {
 
 mn_code cli_output(const char *command, const char *out, const char *in) {
     struct stat to, from;
+    if (out != NULL && strcmp(out, "-") == 0)
+        return (mn_code)cli_error(
+            MN_USAGE, "%s: - is no output: name a file (./- for one of that name)", command);
     if (out == NULL || in == NULL || stat(out, &to) != 0 || stat(in, &from) != 0 ||
         to.st_dev != from.st_dev || to.st_ino != from.st_ino)
         return MN_OK;

@@ -103,8 +103,8 @@ void cli_progress_end(void *context); /* clears the line, and the meter */
 void cli_interrupts_catch(void);
 int cli_interrupted(void); /* by which signal; 0: by none */
 
-/* MN_USAGE, and said, where the output is the input: by whatever name, or link. Either may be NULL.
- */
+/* MN_USAGE, and said, where the output is the input, by whatever name, or link; or "-", which means
+ * standard output elsewhere. Either may be NULL. */
 mn_code cli_output(const char *command, const char *out, const char *in);
 /* MN_FAILED, and said, where the output could not be made: before an hour of work, not after. */
 mn_code cli_output_possible(const char *out);

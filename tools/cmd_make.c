@@ -75,7 +75,7 @@ static mn_code check_shape(mn_make_desc *desc, const char *out) {
         fprintf(stderr, "metanode: make earth: heights of %s\n", ETOPO);
         desc->etopo = ETOPO;
     }
-    return earth ? cli_output("make earth", out, desc->etopo) : MN_OK;
+    return cli_output("make", out, earth ? desc->etopo : NULL);
 }
 
 static int make_shape(int argc, char **argv, const mn_make_desc *desc_in, const char *out) {

@@ -109,6 +109,13 @@ cp one.ply "$bytes"
 expect 0 bench error "$bytes" --json --samples 100
 iconv -f UTF-8 -t UTF-8 out.txt >/dev/null 2>&1 || fail "--json is no UTF-8"
 grep -aq '"file": "b\\ufffdd € \\ufffd\\ufffd\\ufffd.ply"' out.txt || fail "--json: $(grep -a file out.txt)"
+for output in "make sphere -o -" "extract a.mnt --full -o -" "build in.ply -o -" "shoot a.mnt -o -" \
+    "replay a.mnt --path orbit --csv -" "replay a.mnt --path orbit --trace -"; do
+    # shellcheck disable=SC2086 # a command and its words
+    expect 2 $output
+    says ': - is no output: name a file'
+done
+[ -e ./- ] && fail "a file named -"
 
 # --- a trace, from a frame that it has not, and to standard output
 expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
