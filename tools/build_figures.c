@@ -119,20 +119,23 @@ static void report_text(const build_steps *b) {
     const mn_intake *in = &t->intake;
     const double seconds = b->work != NULL ? mn_vdt_figures_of(b->vdt)->simplify.seconds : 0;
     const uint64_t rejected = in->duplicate_faces + in->degenerate_faces + in->nonfinite_faces;
-    printf("%s: %u vertices, %u triangles, %u hinges, depth %u\n", b->out, t->leaves, t->triangles,
-           t->simplices - t->triangles, t->depth_max);
+    const uint32_t hinges = t->simplices - t->triangles;
+    printf("%s: %u vertices, %u triangle%s, %u hinge%s, depth %u\n", b->out, t->leaves,
+           t->triangles, cli_s(t->triangles), hinges, cli_s(hinges), t->depth_max);
     if (rejected > 0)
-        printf("  rejected %llu faces: %llu duplicate, %llu degenerate, %llu not finite\n",
-               (unsigned long long)rejected, (unsigned long long)in->duplicate_faces,
-               (unsigned long long)in->degenerate_faces, (unsigned long long)in->nonfinite_faces);
+        printf("  rejected %llu face%s: %llu duplicate, %llu degenerate, %llu not finite\n",
+               (unsigned long long)rejected, cli_s(rejected),
+               (unsigned long long)in->duplicate_faces, (unsigned long long)in->degenerate_faces,
+               (unsigned long long)in->nonfinite_faces);
     if (in->merged_positions > 0)
         printf("  %llu positions fall together with others\n",
                (unsigned long long)in->merged_positions);
     if (seconds > 0)
-        printf("  %u collapses in %.2f s (%.0f/s)\n", t->inner, seconds, t->inner / seconds);
+        printf("  %u collapse%s in %.2f s (%.0f/s)\n", t->inner, cli_s(t->inner), seconds,
+               t->inner / seconds);
     if (h->blocks > 0)
-        printf("  %u blocks of up to %u bytes, filled %.0f %%, %u deep\n", h->blocks,
-               h->block_bytes_max, 100 * h->fill_mean, h->block_depth);
+        printf("  %u block%s of up to %u bytes, filled %.0f %%, %u deep\n", h->blocks,
+               cli_s(h->blocks), h->block_bytes_max, 100 * h->fill_mean, h->block_depth);
     const uint64_t file_bytes = cli_file_bytes(b->out);
     printf("  %llu bytes, %.1f a vertex\n", (unsigned long long)file_bytes,
            (double)file_bytes / t->leaves);

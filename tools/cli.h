@@ -113,6 +113,10 @@ mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *s
 /* The same of what is still buffered; and closes it. */
 mn_code cli_written_all(FILE *file, const char *what, const char *path, mn_status *st);
 uint64_t cli_file_bytes(const char *path); /* 0: cannot be asked */
+/* What a noun ends in after so many: "1 triangle", "2 triangles". */
+static inline const char *cli_s(uint64_t count) {
+    return count == 1 ? "" : "s";
+}
 
 /* What a clock says: CLOCK_MONOTONIC, CLOCK_THREAD_CPUTIME_ID, ... */
 double cli_seconds(clockid_t clock);

@@ -36,7 +36,8 @@ static mn_code extract(const char *in, const char *out, const mn_extract_desc *d
         json_u64(&j, "file_bytes", cli_file_bytes(out));
         json_end(&j);
     } else if (code == MN_OK) {
-        printf("%s: %u vertices, %u triangles\n", out, result.vertices, result.triangles);
+        printf("%s: %u vertices, %u triangle%s\n", out, result.vertices, result.triangles,
+               cli_s(result.triangles));
     }
     return code;
 }

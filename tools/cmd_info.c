@@ -70,16 +70,16 @@ static void header_json(const mn_header *h) {
 static void header_text(const char *file, const mn_header *h) {
     printf("%s: .mnt version %u, build %016llx\n", file, h->version,
            (unsigned long long)h->build_id);
-    printf("  %u vertices%s, %llu triangles, %u hinges, %u root%s, %u levels, metric %s\n",
+    printf("  %u vertices%s, %llu triangle%s, %u hinge%s, %u root%s, %u levels, metric %s\n",
            h->leaves, h->has_colors ? " with colours" : "", (unsigned long long)h->triangles,
-           h->hinges, h->roots, h->roots == 1 ? "" : "s", h->depth_max,
-           build_metric_name(h->metric));
-    printf("  %u blocks (%s", h->blocks, build_blocking_name(h->blocking));
+           cli_s(h->triangles), h->hinges, cli_s(h->hinges), h->roots, cli_s(h->roots),
+           h->depth_max, build_metric_name(h->metric));
+    printf("  %u block%s (%s", h->blocks, cli_s(h->blocks), build_blocking_name(h->blocking));
     if (h->blocking == MN_BLOCKING_LEVELS)
         printf(", %u levels", h->l);
-    printf("), the longest %u bytes, filled %.1f %%, %u deep, up to %u nodes and %u children\n",
+    printf("), the longest %u bytes, filled %.1f %%, %u deep, up to %u node%s and %u child%s\n",
            h->block_bytes_max, 100 * h->fill_mean, h->block_depth, h->nodes_per_block_max,
-           h->children_max);
+           cli_s(h->nodes_per_block_max), h->children_max, h->children_max == 1 ? "" : "ren");
     printf("  box (%g %g %g) to (%g %g %g) about (%.9g %.9g %.9g)\n", h->box_min[0], h->box_min[1],
            h->box_min[2], h->box_max[0], h->box_max[1], h->box_max[2], h->origin[0], h->origin[1],
            h->origin[2]);
@@ -109,11 +109,12 @@ static mn_code info_vdt(const char *file, bool as_json, mn_status *st) {
         json_bool(&j, "colors", mn_vdt_has_colors(vdt));
         json_end(&j);
     } else {
-        printf(
-            "%s: .vdt: %u vertices%s, %u triangles, %u hinges, %u root%s, %u levels, metric %s\n",
-            file, t->leaves, mn_vdt_has_colors(vdt) ? " with colours" : "", t->triangles,
-            t->simplices - t->triangles, t->roots, t->roots == 1 ? "" : "s", t->depth_max,
-            build_metric_name(t->metric));
+        const uint32_t hinges = t->simplices - t->triangles;
+        printf("%s: .vdt: %u vertices%s, %u triangle%s, %u hinge%s, %u root%s, %u levels, metric "
+               "%s\n",
+               file, t->leaves, mn_vdt_has_colors(vdt) ? " with colours" : "", t->triangles,
+               cli_s(t->triangles), hinges, cli_s(hinges), t->roots, cli_s(t->roots), t->depth_max,
+               build_metric_name(t->metric));
     }
     mn_vdt_close(vdt);
     return MN_OK;

@@ -33,10 +33,10 @@ static void report(const char *file, const char *against, const mn_verify_result
     if (!as_json) {
         printf("%s: sound: ", file);
         if (r->blocks != 0) /* a .vdt has none */
-            printf("%llu blocks, ", (unsigned long long)r->blocks);
-        printf("%llu nodes, %llu triangles, %llu hinges%s\n", (unsigned long long)r->nodes,
-               (unsigned long long)r->triangles, (unsigned long long)r->hinges,
-               against != NULL ? "; full detail is the input" : "");
+            printf("%llu block%s, ", (unsigned long long)r->blocks, cli_s(r->blocks));
+        printf("%llu nodes, %llu triangle%s, %llu hinge%s%s\n", (unsigned long long)r->nodes,
+               (unsigned long long)r->triangles, cli_s(r->triangles), (unsigned long long)r->hinges,
+               cli_s(r->hinges), against != NULL ? "; full detail is the input" : "");
         if (r->merged_positions > 0)
             printf("  %llu of its positions fall together on the grid\n",
                    (unsigned long long)r->merged_positions);

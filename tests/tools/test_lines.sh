@@ -77,6 +77,7 @@ end_header
 3 0 1 2
 ' >one.ply
 expect 0 build one.ply -o one.mnt
+grep -q ' 3 vertices, 1 triangle, 1 hinge, ' out.txt || fail "one of each: $(cat out.txt)"
 for file in one.ply in.ply; do # shorter than a header, and longer
     expect 3 info $file
     says 'magic is not that of a .mnt; make one with metanode build'
