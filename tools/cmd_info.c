@@ -6,11 +6,12 @@
 
 #include "json.h"
 
-static const char help[] = "usage: metanode info FILE [--json]\n\n"
-                           "What a .mnt says in its header (one read, however large the file), or "
-                           "a .vdt, all of which is\n"
-                           "read and compared with its checksums.\n\n"
-                           "  --json          one JSON object; docs/figures.md says what the keys mean\n";
+static const char help[] =
+    "usage: metanode info FILE [--json]\n\n"
+    "What a .mnt says in its header (one read, however large the file), or "
+    "a .vdt, all of which is\n"
+    "read and compared with its checksums.\n\n"
+    "  --json          one JSON object; docs/figures.md says what the keys mean\n";
 
 static void json_vector(json *j, const char *key, const double *v) {
     json_open(j, key, '[');
