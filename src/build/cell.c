@@ -36,7 +36,7 @@ static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, 
     cell->simplices = triangles + hinges;
     s->desc.metric = cell->desc.metric;
     s->st = st;
-    cell->node = calloc(vertices, sizeof *cell->node);
+    cell->node = mni_mem_take_zeroed(vertices * sizeof *cell->node);
     mn_code code = mni_surface_room(&s->surface, vertices, triangles, hinges, st);
     if (code == MN_OK)
         code = mni_judge_room(&s->judge, vertices, triangles, st);
@@ -45,14 +45,13 @@ static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, 
     s->surface.is_part = true;
     s->part.slack = cell->desc.slack;
     s->part.rings = cell->desc.rings;
-    s->part.closed = malloc(vertices * sizeof *s->part.closed);
-    s->part.ring = malloc(vertices * sizeof *s->part.ring);
-    s->part.key = calloc(vertices, sizeof *s->part.key);
-    s->part.id = malloc(vertices * sizeof *s->part.id);
+    s->part.closed = mni_mem_take(vertices * sizeof *s->part.closed, 0);
+    s->part.ring = mni_mem_take(vertices * sizeof *s->part.ring, 0);
+    s->part.key = mni_mem_take_zeroed(vertices * sizeof *s->part.key);
+    s->part.id = mni_mem_take(vertices * sizeof *s->part.id, 0);
     if (cell->node == NULL || s->part.closed == NULL || s->part.ring == NULL ||
         s->part.id == NULL || s->part.key == NULL)
         return no_memory(vertices, st);
-    mni_mem_populate(cell->node, vertices * sizeof *cell->node);
     return MN_OK;
 }
 
@@ -182,7 +181,7 @@ static mn_code freeze_hubs(mni_cell *cell, mn_status *st) {
 
 static mn_code sum_up_hubs(mni_cell *cell, mn_status *st) {
     uint32_t hubs = cell->vertices - cell->first_hub;
-    cell->hub_leaf = malloc(((size_t)hubs + 1) * sizeof *cell->hub_leaf);
+    cell->hub_leaf = mni_mem_take(((size_t)hubs + 1) * sizeof *cell->hub_leaf, 0);
     if (cell->hub_leaf == NULL)
         return no_memory(cell->vertices, st);
     for (uint32_t i = 0; i < hubs; i++)
@@ -243,16 +242,16 @@ static uint32_t place_of_corner(const places *p, uint32_t id) {
 }
 
 static void places_close(places *p) {
-    free(p->id);
-    free(p->at);
+    mni_mem_give(p->id);
+    mni_mem_give(p->at);
 }
 
 static bool places_open(places *p, uint32_t count, const mni_frozen_table *frozen) {
     uint32_t room = 64;
     while (room < 2 * count)
         room *= 2;
-    *p = (places){.id = malloc(((size_t)count + 1) * sizeof *p->id),
-                  .at = malloc(room * sizeof *p->at),
+    *p = (places){.id = mni_mem_take(((size_t)count + 1) * sizeof *p->id, 0),
+                  .at = mni_mem_take(room * sizeof *p->at, 0),
                   .mask = room - 1,
                   .count = count,
                   .frozen = frozen};
@@ -435,13 +434,13 @@ static mn_code load_crate(mni_cell *cell, const mni_crate *crate, places *p, flo
     load_ids(p, crate);
     each_simplex(cell, crate, p, step, count, NULL);
     if (cell->desc.points) {
-        cell->aside = malloc(((size_t)crate->simplices + 1) * sizeof *cell->aside);
+        cell->aside = mni_mem_take(((size_t)crate->simplices + 1) * sizeof *cell->aside, 0);
         if (cell->aside == NULL)
             return no_memory(n, st);
         memset(count, 0, sizeof count);
     }
     cell->passing_count = count[PASSING];
-    cell->passing = malloc(((size_t)count[PASSING] + 1) * sizeof *cell->passing);
+    cell->passing = mni_mem_take(((size_t)count[PASSING] + 1) * sizeof *cell->passing, 0);
     mn_code code = cell->passing != NULL ? take_room(cell, n, count[TRIANGLE], count[HINGE], st)
                                          : no_memory(n, st);
     if (code == MN_OK)
@@ -499,14 +498,12 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
     const mni_vertex *vertex = cell->s.surface.vertex;
     uint32_t m = cell->vertices;
     bool endless = false; /* radii are rounded up at each level */
-    cell->collapse = calloc((size_t)made->count + 1, sizeof *cell->collapse);
-    made_node *of = malloc(((size_t)made->count + 1) * sizeof *of);
+    cell->collapse = mni_mem_take_zeroed(((size_t)made->count + 1) * sizeof *cell->collapse);
+    made_node *of = mni_mem_take(((size_t)made->count + 1) * sizeof *of, made->count * sizeof *of);
     if (cell->collapse == NULL || of == NULL) {
-        free(of);
+        mni_mem_give(of);
         return mn_fail(st, MN_FAILED, "out of memory for %u collapses", made->count);
     }
-    mni_mem_populate(cell->collapse, made->count * sizeof *cell->collapse);
-    mni_mem_populate(of, made->count * sizeof *of);
     cell->collapses = made->count;
     for (uint32_t i = 0; i < made->count; i++) {
         uint32_t left = made->left[i], right = made->right[i];
@@ -542,7 +539,7 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
         to->levels = of[n - m].levels;
         to->bounds = c->bounds;
     }
-    free(of);
+    mni_mem_give(of);
     return !endless ? MN_OK
                     : mn_fail(st, MN_BAD_INPUT,
                               "thousands of triangles without area follow each other: a tree of "
@@ -557,10 +554,10 @@ static mn_code keep_killed(mni_cell *cell, mn_status *st) {
             cell->collapse[s->simplex[x].killed].simplices++;
             cell->killed_count++;
         }
-    uint32_t *start = malloc(((size_t)cell->collapses + 1) * sizeof *start);
-    cell->killed = malloc(((size_t)cell->killed_count + 1) * sizeof *cell->killed);
+    uint32_t *start = mni_mem_take(((size_t)cell->collapses + 1) * sizeof *start, 0);
+    cell->killed = mni_mem_take(((size_t)cell->killed_count + 1) * sizeof *cell->killed, 0);
     if (start == NULL || cell->killed == NULL) {
-        free(start);
+        mni_mem_give(start);
         return mn_fail(st, MN_FAILED, "out of memory for %u simplices", cell->killed_count);
     }
     uint32_t at = 0;
@@ -572,7 +569,7 @@ static mn_code keep_killed(mni_cell *cell, mn_status *st) {
         if (s->simplex[x].killed != MN_NONE)
             memcpy(cell->killed[start[s->simplex[x].killed]++], &s->origin[3 * (size_t)x],
                    sizeof *cell->killed);
-    free(start);
+    mni_mem_give(start);
     return MN_OK;
 }
 
@@ -597,7 +594,7 @@ mn_code mni_cell_run(mni_cell *cell, mn_status *st) {
     s->st = st;
     s->poll = cell->desc.poll;
     mn_code code = mni_simplify_room(s, cell->vertices);
-    s->made.key = malloc((size_t)cell->vertices * sizeof *s->made.key);
+    s->made.key = mni_mem_take((size_t)cell->vertices * sizeof *s->made.key, 0);
     if (code == MN_OK && s->made.key == NULL)
         code = no_memory(cell->vertices, st);
     if (code == MN_OK)
@@ -627,7 +624,7 @@ mn_code mni_cell_set_aside(mni_cell *cell, mn_status *st) {
         count += is_hubs_own(cell, x);
     if (count < ASIDE_LEAST)
         return MN_OK;
-    cell->aside = malloc((size_t)count * sizeof *cell->aside);
+    cell->aside = mni_mem_take((size_t)count * sizeof *cell->aside, 0);
     if (cell->aside == NULL)
         return no_memory(cell->vertices, st);
     for (uint32_t x = 0; x < s->simplices; x++) {
@@ -657,8 +654,8 @@ void mni_cell_number(mni_cell *cell, uint32_t collapses) {
 }
 
 void mni_cell_forget(mni_cell *cell) {
-    free(cell->collapse);
-    free(cell->killed);
+    mni_mem_give(cell->collapse);
+    mni_mem_give(cell->killed);
     cell->collapse = NULL;
     cell->killed = NULL;
 }
@@ -763,10 +760,10 @@ uint64_t mni_cell_dealt_bytes(uint64_t vertices, uint64_t triangles) {
 
 void mni_cell_close(mni_cell *cell) {
     mni_simplify_close(&cell->s);
-    free(cell->node);
-    free(cell->passing);
-    free(cell->hub_leaf);
-    free(cell->aside);
+    mni_mem_give(cell->node);
+    mni_mem_give(cell->passing);
+    mni_mem_give(cell->hub_leaf);
+    mni_mem_give(cell->aside);
     mni_cell_forget(cell);
     *cell = (mni_cell){0};
 }

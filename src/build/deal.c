@@ -10,6 +10,7 @@
 #include "mn_assert.h"
 #include "exttriangles.h"
 #include "heavy.h"
+#include "mem.h"
 #include "wire.h"
 
 enum { BUFFERS = 2, SORTS = 4 };
@@ -487,7 +488,7 @@ static bool grow(void **array, uint32_t count, uint32_t *room, size_t bytes) {
     if (count < *room)
         return true;
     uint32_t wanted = *room + *room / 4 + 256;
-    void *more = realloc(*array, wanted * bytes);
+    void *more = mni_mem_grow(*array, count * bytes, wanted * bytes);
     if (more == NULL)
         return false;
     *array = more;
@@ -499,16 +500,23 @@ static mn_code no_memory(const mni_hand *h, mn_status *st) {
     return mn_fail(st, MN_FAILED, "out of memory for a cell of %u vertices", h->vertices);
 }
 
+/* For what the looks at the mesh have counted. */
+static bool take_room(const mni_deal *d, mni_hand *h) {
+    const tally *of = &d->of_cell[d->next];
+    h->ghosts_room = of->ghosts;
+    h->triangles_room = of->triangles;
+    h->position = mni_mem_take(h->vertices * sizeof *h->position, 0);
+    h->ghost = mni_mem_take((size_t)of->ghosts * sizeof *h->ghost, 0);
+    h->triangle = mni_mem_take((size_t)of->triangles * sizeof *h->triangle, 0);
+    return h->position != NULL && h->ghost != NULL && h->triangle != NULL;
+}
+
 static mn_code deal_vertices(mni_deal *d, mni_hand *h, mn_status *st) {
-    float(*position)[3] = realloc(h->position, h->vertices * sizeof *position);
-    if (position == NULL)
-        return no_memory(h, st);
-    h->position = position;
     for (uint32_t i = 0; i < h->vertices; i++) {
         const mni_extvertex *v = mni_spill_take(&d->vertices, sizeof *v);
         if (v == NULL)
             return spill_state(&d->mesh->vertex, st);
-        memcpy(position[i], v->position, sizeof position[i]);
+        memcpy(h->position[i], v->position, sizeof h->position[i]);
     }
     for (h->ghosts = 0; d->next_ghost != NULL && d->next_ghost->cell == d->next;
          d->next_ghost = mni_sort_next(d->ghosts, st)) {
@@ -562,9 +570,10 @@ static mn_code deal_triangles(mni_deal *d, mni_hand *h, mn_status *st) {
 
 mn_code mni_deal_next(mni_deal *d, mni_hand *h, mn_status *st) {
     MN_ASSERT(d->next < d->cells);
+    mni_hand_free(h);
     h->first = cell_start(d, d->next);
     h->vertices = cell_start(d, d->next + 1) - h->first;
-    mn_code code = deal_vertices(d, h, st);
+    mn_code code = take_room(d, h) ? deal_vertices(d, h, st) : no_memory(h, st);
     if (code == MN_OK)
         code = deal_triangles(d, h, st);
     d->next++;
@@ -572,8 +581,8 @@ mn_code mni_deal_next(mni_deal *d, mni_hand *h, mn_status *st) {
 }
 
 void mni_hand_free(mni_hand *h) {
-    free(h->position);
-    free(h->ghost);
-    free(h->triangle);
+    mni_mem_give(h->position);
+    mni_mem_give(h->ghost);
+    mni_mem_give(h->triangle);
     *h = (mni_hand){0};
 }

@@ -7,6 +7,7 @@
 
 #include <stdlib.h>
 
+#include "mem.h"
 #include "mn_assert.h"
 
 /* What of the cell goes where: the tile in the upper half, which one in the lower. */
@@ -21,6 +22,7 @@ typedef struct standing {
 } standing;
 
 enum { VERTICES, SIMPLICES, SIGHTS, LISTS };
+enum { PARCEL_BYTES = 112 << 10 }; /* one of a surface is rarely longer */
 
 typedef struct giver {
     mni_outlet to;
@@ -125,8 +127,9 @@ static void look_at_passing(giver *g) {
 /* Where so many bytes more may go; NULL: no memory. */
 static unsigned char *more(giver *g, size_t bytes) {
     if (g->room - g->used < bytes) {
-        size_t room = g->room + g->room / 2 + bytes;
-        unsigned char *grown = realloc(g->bytes, room);
+        size_t room = (g->room > 0 ? g->room + g->room / 2 : PARCEL_BYTES) + bytes;
+        unsigned char *grown =
+            g->room > 0 ? mni_mem_grow(g->bytes, g->used, room) : mni_mem_take(room, 0);
         if (grown == NULL)
             return NULL;
         g->bytes = grown;
@@ -237,11 +240,11 @@ static bool take_room(giver *g) {
                                 3 * (size_t)cell->passing_count};
     bool good = true;
     for (int i = 0; i < LISTS; i++) {
-        g->list[i].item = malloc((most[i] + 1) * sizeof *g->list[i].item);
+        g->list[i].item = mni_mem_take((most[i] + 1) * sizeof *g->list[i].item, 0);
         good &= g->list[i].item != NULL;
     }
-    g->stands = malloc(cell->vertices * sizeof *g->stands);
-    g->sight = malloc((most[SIGHTS] + 1) * sizeof *g->sight);
+    g->stands = mni_mem_take(cell->vertices * sizeof *g->stands, 0);
+    g->sight = mni_mem_take((most[SIGHTS] + 1) * sizeof *g->sight, 0);
     return good && g->stands != NULL && g->sight != NULL;
 }
 
@@ -258,9 +261,9 @@ mn_code mni_give(const mni_outlet *outlet, const mni_cell *cell, mn_status *st) 
     for (uint32_t tile; good && (tile = next_tile(&g)) != MN_NONE;)
         good = give_tile(&g, tile);
     for (int i = 0; i < LISTS; i++)
-        free(g.list[i].item);
-    free(g.stands);
-    free(g.sight);
-    free(g.bytes);
+        mni_mem_give(g.list[i].item);
+    mni_mem_give(g.stands);
+    mni_mem_give(g.sight);
+    mni_mem_give(g.bytes);
     return good ? MN_OK : mn_fail(st, MN_FAILED, "out of memory for a cell");
 }

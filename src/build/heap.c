@@ -2,15 +2,15 @@
  * which of four children is least cannot be predicted. */
 #include "heap.h"
 
-#include <stdlib.h>
+#include "mem.h"
 
 enum { ARITY = 4, LINE_BYTES = ARITY * sizeof(mni_heap_item) };
 
 bool mni_heap_open(mni_heap *h, uint32_t vertices) {
     size_t lines = (size_t)vertices / ARITY + 2;
-    mni_heap_item *line = aligned_alloc(LINE_BYTES, lines * LINE_BYTES);
+    mni_heap_item *line = mni_mem_take(lines * LINE_BYTES, 0);
     *h = (mni_heap){.item = line != NULL ? line + ARITY - 1 : NULL,
-                    .at = malloc((size_t)vertices * sizeof *h->at)};
+                    .at = mni_mem_take((size_t)vertices * sizeof *h->at, 0)};
     if (h->item == NULL || h->at == NULL) {
         mni_heap_close(h);
         return false;
@@ -21,8 +21,8 @@ bool mni_heap_open(mni_heap *h, uint32_t vertices) {
 
 void mni_heap_close(mni_heap *h) {
     if (h->item != NULL)
-        free(h->item - (ARITY - 1));
-    free(h->at);
+        mni_mem_give(h->item - (ARITY - 1));
+    mni_mem_give(h->at);
     memset(h, 0, sizeof *h);
 }
 

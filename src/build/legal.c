@@ -28,15 +28,15 @@ static double dot(const double *a, const double *b) {
 
 mn_code mni_judge_room(mni_judge *j, uint32_t vertices, uint32_t triangles, mn_status *st) {
     *j = (mni_judge){.ring_room = RING_ROOM};
-    j->normal = malloc((size_t)triangles * 3 * sizeof *j->normal);
-    j->seen = calloc(vertices, sizeof *j->seen);
+    const size_t normals_bytes = (size_t)triangles * 3 * sizeof *j->normal;
+    j->normal = mni_mem_take(normals_bytes, normals_bytes);
+    j->seen = mni_mem_take_zeroed(vertices * sizeof *j->seen);
     j->ring = malloc(j->ring_room * sizeof *j->ring);
     j->around = malloc(j->ring_room * sizeof *j->around);
     if (j->normal == NULL || j->seen == NULL || j->ring == NULL || j->around == NULL) {
         mni_judge_close(j);
         return mn_fail(st, MN_FAILED, "out of memory while simplifying %u triangles", triangles);
     }
-    mni_mem_populate(j->normal, (size_t)triangles * 3 * sizeof *j->normal);
     return MN_OK;
 }
 
@@ -59,8 +59,8 @@ void mni_judge_fill(mni_judge *j, const mni_surface *s) {
 }
 
 void mni_judge_close(mni_judge *j) {
-    free(j->normal);
-    free(j->seen);
+    mni_mem_give(j->normal);
+    mni_mem_give(j->seen);
     free(j->ring);
     free(j->around);
     memset(j, 0, sizeof *j);

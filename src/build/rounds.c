@@ -26,6 +26,7 @@
 #include "curve.h"
 #include "deal.h"
 #include "give.h"
+#include "mem.h"
 #include "tiles.h"
 
 /* How strict a round is: the first two are in order. Where costs rise evenly over a whole region,
@@ -130,6 +131,7 @@ typedef struct job {
     mni_crate crate;
     uint64_t bytes; /* at its peak */
     mni_cell cell;
+    mni_shelf shelf; /* of its thread: at most as much as the cell may take */
 } job;
 
 /* Of a cell of so many vertices of a surface, with what comes from beside it. */
@@ -182,10 +184,16 @@ static bool waits(const rounds *r, const job *j) {
            (r->carries && r->numbered < j->number && r->code == MN_OK);
 }
 
+/* Under the lock. Who waits keeps no memory from those that work. */
+static void wait_for_turn(rounds *r, job *j) {
+    mni_shelf_trim(&j->shelf, 0);
+    pthread_cond_wait(&r->turn, &r->lock);
+}
+
 /* Under the lock; one thread at a time. */
 static mn_code take_cell(rounds *r, job *j) {
     while (r->taking)
-        pthread_cond_wait(&r->turn, &r->lock);
+        wait_for_turn(r, j);
     j->bytes = 0;
     j->number = r->taken;
     if (r->taken == r->cells || r->code != MN_OK)
@@ -196,7 +204,8 @@ static mn_code take_cell(rounds *r, job *j) {
     if (code == MN_OK)
         code = check_room(r, j->bytes);
     while (code == MN_OK && waits(r, j))
-        pthread_cond_wait(&r->turn, &r->lock);
+        wait_for_turn(r, j);
+    mni_shelf_trim(&j->shelf, j->bytes);
     r->used_bytes += j->bytes;
     r->taking = false;
     pthread_cond_broadcast(&r->turn);
@@ -207,6 +216,7 @@ static void free_job(job *j) {
     mni_cell_close(&j->cell);
     mni_hand_free(&j->hand);
     mni_crate_free(&j->crate);
+    mni_shelf_close(&j->shelf);
     *j = (job){0};
 }
 
@@ -348,10 +358,17 @@ static mn_code do_cell(rounds *r, job *j, mn_status *st) {
     return code;
 }
 
+/* Cells that have grown fit it too. */
+static uint64_t shelf_bytes(const rounds *r) {
+    const uint64_t grown = usual_bytes((uint64_t)GROWN_MAX * r->desc.cell_vertices);
+    return r->cells_bytes < grown ? r->cells_bytes : grown;
+}
+
 static void *worker(void *context) {
     rounds *r = context;
     job j = {0};
     mn_status st = {0};
+    mni_shelf_open(&j.shelf, (size_t)shelf_bytes(r));
     pthread_mutex_lock(&r->lock);
     while (r->taken < r->cells && r->code == MN_OK)
         if (do_cell(r, &j, &st) != MN_OK)

@@ -22,6 +22,7 @@
 #include "mn_assert.h"
 #include "clock.h"
 #include "freeze.h"
+#include "mem.h"
 #include "rounds.h"
 #include "unit.h"
 #include "wait.h"
@@ -708,10 +709,10 @@ void mni_simplify_look(mni_simplifier *s) {
 }
 
 mn_code mni_simplify_room(mni_simplifier *s, uint32_t n) {
-    s->made.left = malloc((size_t)n * sizeof *s->made.left);
-    s->made.right = malloc((size_t)n * sizeof *s->made.right);
-    s->made.value = malloc(2 * (size_t)n * sizeof *s->made.value);
-    s->leaf_bounds = malloc((size_t)n * sizeof *s->leaf_bounds);
+    s->made.left = mni_mem_take((size_t)n * sizeof *s->made.left, 0);
+    s->made.right = mni_mem_take((size_t)n * sizeof *s->made.right, 0);
+    s->made.value = mni_mem_take(2 * (size_t)n * sizeof *s->made.value, 0);
+    s->leaf_bounds = mni_mem_take((size_t)n * sizeof *s->leaf_bounds, 0);
     if (!mni_heap_open(&s->heap, n) || s->made.left == NULL || s->made.right == NULL ||
         s->made.value == NULL || s->leaf_bounds == NULL)
         return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
@@ -741,15 +742,15 @@ void mni_simplify_close(mni_simplifier *s) {
     mni_witness_close(&s->witness);
     mni_heap_close(&s->heap);
     mni_hubs_close(&s->hubs);
-    free(s->made.left);
-    free(s->made.right);
-    free(s->made.value);
-    free(s->made.key);
-    free(s->leaf_bounds);
-    free(s->part.closed);
-    free(s->part.ring);
-    free(s->part.key);
-    free(s->part.id);
+    mni_mem_give(s->made.left);
+    mni_mem_give(s->made.right);
+    mni_mem_give(s->made.value);
+    mni_mem_give(s->made.key);
+    mni_mem_give(s->leaf_bounds);
+    mni_mem_give(s->part.closed);
+    mni_mem_give(s->part.ring);
+    mni_mem_give(s->part.key);
+    mni_mem_give(s->part.id);
 }
 
 void mni_simplify_settle(mni_simplifier *s) {

@@ -3,12 +3,11 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 
 #include "mem.h"
 #include "mn_assert.h"
 
-enum { LINE_BYTES = 64, HUGE_BYTES = 2 << 20 };
+enum { LINE_BYTES = 64 };
 _Static_assert(sizeof(mni_vertex) == 2 * LINE_BYTES && offsetof(mni_vertex, xy) == LINE_BYTES,
                "a vertex is two lines");
 
@@ -20,19 +19,6 @@ static mn_code no_memory(mn_status *st) {
     return mn_fail(st, MN_FAILED,
                    "out of memory while simplifying; close something or lower --ram "
                    "to be refused early");
-}
-
-/* Whole lines. Collapses go all over the mesh, and with small pages each access is a walk through
- * page tables too: so a large array asks for huge pages inside it, all of which it will use. */
-static void *take_lines(size_t bytes) {
-    size_t rounded = (bytes + LINE_BYTES - 1) / LINE_BYTES * LINE_BYTES;
-    char *p = aligned_alloc(LINE_BYTES, rounded);
-    if (p == NULL)
-        return NULL;
-    char *from = p + (HUGE_BYTES - (uintptr_t)p % HUGE_BYTES) % HUGE_BYTES;
-    if (from + HUGE_BYTES <= p + rounded)
-        madvise(from, (size_t)(p + rounded - from) / HUGE_BYTES * HUGE_BYTES, MADV_HUGEPAGE);
-    return p;
 }
 
 mn_code mni_surface_room(mni_surface *s, uint32_t vertices, uint32_t triangles, uint32_t hinges,
@@ -50,18 +36,17 @@ mn_code mni_surface_room(mni_surface *s, uint32_t vertices, uint32_t triangles, 
     if (s->pool_room > UINT32_MAX)
         return mn_fail(st, MN_CAP_TOO_SMALL, "%u triangles are too many to simplify in memory",
                        triangles);
-    s->simplex = take_lines(s->simplices_room * sizeof *s->simplex);
-    s->origin = malloc((size_t)s->simplices_room * 3 * sizeof *s->origin);
-    s->vertex = take_lines(s->vertices * sizeof *s->vertex);
-    s->pool = malloc(s->pool_room * sizeof *s->pool);
+    s->simplex =
+        mni_mem_take(s->simplices_room * sizeof *s->simplex, simplices * sizeof *s->simplex);
+    s->origin = mni_mem_take((size_t)s->simplices_room * 3 * sizeof *s->origin,
+                             (size_t)simplices * 3 * sizeof *s->origin);
+    s->vertex = mni_mem_take(vertices * sizeof *s->vertex, vertices * sizeof *s->vertex);
+    s->pool =
+        mni_mem_take(s->pool_room * sizeof *s->pool, (s->pool_room - triangles) * sizeof *s->pool);
     if (s->simplex == NULL || s->origin == NULL || s->vertex == NULL || s->pool == NULL) {
         mni_surface_close(s);
         return no_memory(st);
     }
-    mni_mem_populate(s->simplex, simplices * sizeof *s->simplex);
-    mni_mem_populate(s->origin, (size_t)simplices * 3 * sizeof *s->origin);
-    mni_mem_populate(s->vertex, vertices * sizeof *s->vertex);
-    mni_mem_populate(s->pool, (s->pool_room - triangles) * sizeof *s->pool);
     return MN_OK;
 }
 
@@ -106,10 +91,10 @@ mn_code mni_surface_open(mni_surface *s, const mn_mesh *mesh, mn_status *st) {
 }
 
 void mni_surface_close(mni_surface *s) {
-    free(s->simplex);
-    free(s->origin);
-    free(s->vertex);
-    free(s->pool);
+    mni_mem_give(s->simplex);
+    mni_mem_give(s->origin);
+    mni_mem_give(s->vertex);
+    mni_mem_give(s->pool);
     free(s->dead);
     memset(s, 0, sizeof *s);
 }
@@ -222,7 +207,7 @@ static bool pack_pool(mni_surface *s, uint32_t wanted) {
     size_t room = alive + alive / 2 + 2 * (size_t)wanted + 64;
     if (room > UINT32_MAX) /* places in it are 32 bits */
         return false;
-    uint32_t *pool = malloc(room * sizeof *pool);
+    uint32_t *pool = mni_mem_take(room * sizeof *pool, 0);
     if (pool == NULL)
         return false;
     size_t at = 0;
@@ -233,7 +218,7 @@ static bool pack_pool(mni_surface *s, uint32_t wanted) {
         f->room = f->count;
         at += f->count;
     }
-    free(s->pool);
+    mni_mem_give(s->pool);
     s->pool = pool;
     s->pool_room = room;
     s->pool_used = at;
@@ -263,11 +248,13 @@ static bool reserve(mni_surface *s, uint32_t k, uint32_t more) {
 static bool add_hinge(mni_surface *s, uint32_t k, uint32_t w, uint32_t of) {
     if (s->simplices == s->simplices_room) {
         uint32_t room = s->simplices_room + s->simplices_room / 4;
-        mni_simplex *simplex = realloc(s->simplex, room * sizeof *simplex);
+        mni_simplex *simplex =
+            mni_mem_grow(s->simplex, s->simplices * sizeof *simplex, room * sizeof *simplex);
         if (simplex == NULL)
             return false;
         s->simplex = simplex;
-        uint32_t *origin = realloc(s->origin, (size_t)room * 3 * sizeof *origin);
+        uint32_t *origin = mni_mem_grow(s->origin, (size_t)s->simplices * 3 * sizeof *origin,
+                                        (size_t)room * 3 * sizeof *origin);
         if (origin == NULL)
             return false;
         s->origin = origin;

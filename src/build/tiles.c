@@ -224,12 +224,11 @@ static unsigned char *take_tile(mni_tiles *t, const mni_tile *tile, mni_crate *c
 }
 
 mn_code mni_tiles_take(mni_tiles *t, mni_crate *c, mn_status *st) {
-    unsigned char *to = c->content = malloc((size_t)c->bytes + 1);
+    unsigned char *to = c->content = mni_mem_take((size_t)c->bytes + 1, (size_t)c->bytes);
     uint32_t next = 0;
-    c->parcel = malloc(((size_t)c->parcels + 1) * sizeof *c->parcel);
+    c->parcel = mni_mem_take(((size_t)c->parcels + 1) * sizeof *c->parcel, 0);
     if (c->content == NULL || c->parcel == NULL)
         return no_memory(st);
-    mni_mem_populate(c->content, (size_t)c->bytes);
     pthread_mutex_lock(&t->lock);
     for (uint32_t i = c->first_tile; i < c->end_tile && t->spill.trouble.code == MN_OK; i++)
         to = take_tile(t, &t->tile[i], c, &next, to);
@@ -240,8 +239,8 @@ mn_code mni_tiles_take(mni_tiles *t, mni_crate *c, mn_status *st) {
 }
 
 void mni_crate_free(mni_crate *c) {
-    free(c->content);
-    free(c->parcel);
+    mni_mem_give(c->content);
+    mni_mem_give(c->parcel);
     c->content = NULL;
     c->parcel = NULL;
 }

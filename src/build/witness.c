@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "mem.h"
 #include "mn_assert.h"
 #include "star.h"
 
@@ -40,10 +41,10 @@ typedef struct mni_bench {
 mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t sets, uint32_t points,
                          mn_status *st) {
     *book = (mni_witness_book){.sets_room = sets};
-    book->sets = aligned_alloc(sizeof *book->sets, ((size_t)sets + 1) * sizeof *book->sets);
-    book->own_start = calloc((size_t)vertices + 1, sizeof *book->own_start);
-    book->own = malloc(((size_t)points + 1) * sizeof *book->own);
-    book->bench = calloc(1, sizeof *book->bench);
+    book->sets = mni_mem_take(((size_t)sets + 1) * sizeof *book->sets, 0);
+    book->own_start = mni_mem_take_zeroed(((size_t)vertices + 1) * sizeof *book->own_start);
+    book->own = mni_mem_take(((size_t)points + 1) * sizeof *book->own, points * sizeof *book->own);
+    book->bench = mni_mem_take_zeroed(sizeof *book->bench);
     if (book->sets == NULL || book->bench == NULL || book->own_start == NULL || book->own == NULL) {
         mni_witness_close(book);
         return mn_fail(st, MN_FAILED, "out of memory while simplifying %u vertices", vertices);
@@ -76,10 +77,10 @@ void mni_witness_fill(mni_witness_book *book, const mni_surface *s) {
 void mni_witness_close(mni_witness_book *book) {
     if (book->bench != NULL)
         mni_star_close(&book->bench->star);
-    free(book->bench);
-    free(book->sets);
-    free(book->own_start);
-    free(book->own);
+    mni_mem_give(book->bench);
+    mni_mem_give(book->sets);
+    mni_mem_give(book->own_start);
+    mni_mem_give(book->own);
     memset(book, 0, sizeof *book);
 }
 
