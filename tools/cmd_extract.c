@@ -7,19 +7,21 @@
 #include "host.h"
 #include "json.h"
 #include "metanode/build.h"
+#include "temp.h"
 
 static const char help[] =
-    "usage: metanode extract FILE (--full | --triangles N | --error E) -o OUT.ply [--json]\n\n"
+    "usage: metanode extract FILE (--full | --triangles N | --error E) -o OUT.ply [--ram SIZE]\n"
+    "       [--temp-dir DIR] [--json]\n\n"
     "Writes one level of detail of a .mnt or .vdt as a welded mesh, binary PLY.\n\n"
     "  --full          the input\n"
     "  --triangles N   the most detailed step of the simplification with at most N triangles\n"
     "  --error E       the coarsest front on which no node's switch value exceeds E, a length in\n"
     "                  model units\n"
     "  -o FILE         what stood there stays until the new one is whole\n"
-    "  --ram SIZE      cap for the whole process; --full and --triangles take 3 bits a vertex and\n"
-    "                  5M. With --error the tree and the mesh are in memory, 190 bytes a vertex;\n"
-    "                  where that does not fit it is refused. Default: half of the memory, or of\n"
-    "                  what the cgroup allows\n"
+    "  --ram SIZE      cap for the whole process: 5M and 3 bits a vertex, with --error 4 bits.\n"
+    "                  Default: half of the memory, or of what the cgroup allows\n"
+    "  --temp-dir DIR  with --error: where a temporary file of 4 bytes a vertex goes, if the cap\n"
+    "                  has no room for it (default: beside OUT.ply)\n"
     "  --json          figures as one JSON object\n";
 
 static mn_code extract(const char *in, const char *out, const mn_extract_desc *desc, bool as_json,
@@ -44,7 +46,7 @@ static mn_code extract(const char *in, const char *out, const mn_extract_desc *d
 
 int cmd_extract(int argc, char **argv) {
     mn_extract_desc desc = {.ram_bytes = host_default_ram_bytes()};
-    const char *out = NULL;
+    const char *out = NULL, *temp_dir = NULL;
     bool full = false, as_json = false, done;
     int by_count = 0, by_error = 0;
     const cli_flag flags[] = {
@@ -62,6 +64,7 @@ int cmd_extract(int argc, char **argv) {
          .given = &by_error},
         CLI_OUTPUT(&out),
         CLI_SIZE("ram", &desc.ram_bytes, 1, UINT64_MAX, "a size like 64M"),
+        CLI_TEXT("temp-dir", &temp_dir),
         CLI_SWITCH("json", &as_json),
         {0},
     };
@@ -79,8 +82,11 @@ int cmd_extract(int argc, char **argv) {
         return cli_error(MN_USAGE, "extract: where to? give -o OUT.ply");
     if (cli_output("extract", out, argv[optind]) != MN_OK)
         return MN_USAGE;
+    temp_files temp;
     mn_status st = {0};
     cap_keep(desc.ram_bytes);
-    extract(argv[optind], out, &desc, as_json, &st);
+    desc.temp_dir = temp.folder;
+    if (temp_folder(&temp, out, temp_dir, &st) == MN_OK)
+        extract(argv[optind], out, &desc, as_json, &st);
     return cli_status(&st);
 }

@@ -319,10 +319,6 @@ typedef struct mn_verify_desc {
 mn_code mn_verify(const char *path, const mn_verify_desc *desc, mn_verify_result *out,
                   mn_status *st);
 
-/* Whether the process stays below ram_bytes (0: no bound) when it loads the tree and extracts the
- * front of a tolerance, by what the file's header says. MN_CAP_TOO_SMALL names what would do. */
-mn_code mn_tree_fits(const char *path, uint64_t ram_bytes, mn_status *st);
-
 /* Rebuilds the tree that a .mnt (or .vdt) holds, whole, in memory. */
 mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st);
 
@@ -332,14 +328,16 @@ typedef struct mn_extract_desc {
     uint64_t
         triangles; /* MN_EXTRACT_TRIANGLES: the prefix front with the most that are at most this */
     float error;   /* MN_EXTRACT_ERROR: settled front of this tolerance, model units */
-    uint64_t ram_bytes; /* of mn_extract_file: of the process; 0: no bound */
+    uint64_t ram_bytes;   /* of mn_extract_file: of the process; 0: no bound */
+    const char *temp_dir; /* likewise, with error; NULL: the working directory */
 } mn_extract_desc;
 typedef struct mn_extract_result {
     uint32_t vertices, triangles;
 } mn_extract_result;
-/* Writes the mesh of a front of a .mnt (or .vdt) as a binary PLY: temporary name, sync, rename. A
- * prefix front and full detail may be of any size: it takes 3 bits a vertex. For that of a
- * tolerance the tree is loaded. MN_CAP_TOO_SMALL names what would do. */
+/* Writes the mesh of a front of a .mnt (or .vdt) as a binary PLY: temporary name, sync, rename. The
+ * file may be of any size: it takes 3 bits a vertex, for the front of a tolerance 4, and that
+ * writes a temporary file of 4 bytes a vertex where ram_bytes has no room for it.
+ * MN_CAP_TOO_SMALL names what would do; MN_NO_SPACE: the disk is full. */
 mn_code mn_extract_file(const char *in, const mn_extract_desc *desc, const mn_watch *watch,
                         const char *out, mn_extract_result *result, mn_status *st);
 /* The mesh of a front of the tree. owner (may be NULL): receives vertices × order ids of the

@@ -1,10 +1,9 @@
-/* A prefix front of a tree in a file as a mesh on disk, neither of which need fit in memory.
+/* A front of a tree in a file as a mesh on disk, neither of which need fit in memory.
  *
- * Hides: that a front is a bit a leaf. In a prefix front every node is split whose order id is at
- * least the cut, and no other. The right child of such a node begins at its row, so leaves at which
- * active nodes begin are the rows of split nodes, and where roots begin; a corner's active node
- * begins at the last such leaf up to it. Triangles of the mesh are those that split nodes have
- * killed. So it takes walks (walk.h), the last ones only through the top of the tree:
+ * Hides: that a front is a bit a leaf (front.h). In a prefix front every node is split whose order
+ * id is at least the cut, and no other; a settled one is found by settle.c. A corner's active node
+ * begins at the last leaf up to it at which one does. Triangles of the mesh are those that split
+ * nodes have killed. So it takes walks (walk.h), the last ones only through the top of the tree:
  *
  *   1  all      triangles by order id, counted in BINS bins            the bin of the cut
  *   2  the top  triangles of that bin, node by node                    the cut
@@ -12,15 +11,17 @@
  *   4  the top  which of these have triangles: they are vertices, in the order of leaves
  *   5  the top  vertices and triangles, each to its part of the file
  *
- * At full detail, where every leaf is active, the walks are 4 and 5. Order: mn_extract_file alone.
- * One thread. Memory: two bits a leaf, and a walk's. Paper: none. */
+ * At full detail, where every leaf is active, the walks are 4 and 5; where the front has settled,
+ * too. Order: mn_extract_file alone. One thread. Memory: two bits a leaf, for a settled front three
+ * and what settle.c works with; and a walk's. Paper: none. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "file.h"
 #include "mn_assert.h"
+#include "settle.h"
 #include "simplify.h"
-#include "walk.h"
 #include "write_ply.h"
 
 enum {
@@ -34,16 +35,20 @@ typedef struct extraction {
     mni_walked file;
     mn_watch watch;
     mn_status *st;
-    uint64_t held_bytes;
+    uint64_t held_bytes;   /* beside settle_bytes */
+    uint64_t settle_bytes; /* until the front has settled */
     uint32_t leaves, inner;
-    uint32_t from;           /* nodes that the walk goes to, at least */
-    uint32_t made;           /* collapses that the front has gone through */
-    uint32_t node;           /* of the row that came last: its number; MN_NONE: a root begins */
-    uint32_t first, width;   /* of node numbers: what is counted, and how many a bin */
-    uint64_t *bin;           /* triangles */
-    uint64_t *begins, *used; /* a bit a leaf: an active node begins; and has triangles */
-    uint32_t *rank;          /* vertices before word RANK_WORDS × i of used */
-    mn_mesh mesh;            /* counts; one vertex at a time */
+    uint32_t from;         /* nodes that the walk goes to, at least */
+    uint32_t made;         /* collapses that the front has gone through */
+    uint32_t node;         /* of the row that came last: its number; MN_NONE: a root begins */
+    bool is_split;         /* that node */
+    uint32_t first, width; /* of node numbers: what is counted, and how many a bin */
+    uint64_t *bin;         /* triangles */
+    mni_front front;
+    uint64_t *split; /* of a settled front: a bit for each inner node, by number */
+    uint64_t *used;  /* a bit a leaf: the active node that begins there has triangles */
+    uint32_t *rank;  /* vertices before word RANK_WORDS × i of used */
+    mn_mesh mesh;    /* counts; one vertex at a time */
     float position[3];
     uint32_t color;
     mni_out out;
@@ -53,20 +58,7 @@ typedef struct extraction {
 } extraction;
 
 static uint64_t words_of(const extraction *x) {
-    return (uint64_t)x->leaves / 64 + 1;
-}
-
-static void set_bit(uint64_t *bits, uint32_t at) {
-    bits[at / 64] |= UINT64_C(1) << at % 64;
-}
-
-/* The last leaf up to this one at which an active node begins; leaf 0 always is one. */
-static uint32_t begin_of(const extraction *x, uint32_t leaf) {
-    uint32_t word = leaf / 64;
-    uint64_t bits = x->begins[word] & (UINT64_MAX >> (63 - leaf % 64));
-    while (bits == 0 && word > 0)
-        bits = x->begins[--word];
-    return bits == 0 ? 0 : word * 64 + 63 - (uint32_t)__builtin_clzll(bits);
+    return mni_front_words(x->leaves);
 }
 
 static uint32_t vertex_at(const extraction *x, uint32_t leaf) {
@@ -80,7 +72,7 @@ static uint32_t vertex_at(const extraction *x, uint32_t leaf) {
 
 static bool is_above(const void *context, uint32_t order) {
     const extraction *x = context;
-    return order - x->leaves >= x->from;
+    return x->split != NULL ? mni_bit(x->split, order - x->leaves) : order - x->leaves >= x->from;
 }
 
 static mn_code walk(extraction *x, uint32_t from,
@@ -89,7 +81,7 @@ static mn_code walk(extraction *x, uint32_t from,
     const mni_walk_sink sink = {row, simplex, x};
     const mni_walk_desc desc = {.ram_bytes = x->desc->ram_bytes,
                                 .held_bytes = x->held_bytes,
-                                .wanted = from > 0 ? is_above : NULL,
+                                .wanted = from > 0 || x->split != NULL ? is_above : NULL,
                                 .watch = &x->watch,
                                 .phase = phase};
     x->from = from;
@@ -145,37 +137,54 @@ static mn_code find_cut(extraction *x) {
 
 /* ---- the front ------------------------------------------------------------------------------ */
 
-static bool is_split(const extraction *x) {
-    return x->node != MN_NONE && x->node >= x->made;
-}
-
 static mn_code mark_begin(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     extraction *x = context;
     note_node(context, at, row, child);
-    if (child == NULL || is_split(x))
-        set_bit(x->begins, at);
+    if (child == NULL || x->node >= x->made)
+        mni_bit_set(x->front.begins, at);
+    return MN_OK;
+}
+
+static mn_code note_split(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
+    extraction *x = context;
+    (void)row;
+    x->is_split = child != NULL && mni_bit(x->front.begins, at);
     return MN_OK;
 }
 
 static mn_code mark_used(void *context, const mni_row_simplex *simplex) {
     extraction *x = context;
-    if (simplex->corner[2] == MN_NONE || !is_split(x))
+    if (simplex->corner[2] == MN_NONE || !x->is_split)
         return MN_OK;
     x->mesh.triangles++;
     for (int i = 0; i < 3; i++)
-        set_bit(x->used, begin_of(x, simplex->corner[i]));
+        mni_bit_set(x->used, mni_front_begin(&x->front, simplex->corner[i]));
     return MN_OK;
+}
+
+static mn_code settle(extraction *x) {
+    const mni_settle_desc desc = {
+        /* the grid has its share; less than that no front has */
+        .switch_value = fmaxf(x->desc->error - mn_grid_error(x->file.head.grid_step), 0),
+        .work_bytes = x->settle_bytes,
+        .ram_bytes = x->desc->ram_bytes,
+        .held_bytes = x->held_bytes,
+        .temp_dir = x->desc->temp_dir != NULL ? x->desc->temp_dir : ".",
+        .watch = &x->watch};
+    return mni_settle(&x->file, &desc, &x->front, x->split, x->st);
 }
 
 static mn_code find_front(extraction *x) {
     mn_code code = MN_OK;
-    const bool is_checked = x->desc->what == MN_EXTRACT_TRIANGLES;
-    if (x->made == 0)
-        memset(x->begins, 0xff, words_of(x) * sizeof *x->begins);
+    if (x->desc->what == MN_EXTRACT_ERROR)
+        code = settle(x);
+    else if (x->made == 0)
+        memset(x->front.begins, 0xff, words_of(x) * sizeof *x->front.begins);
     else
         code = walk(x, x->made, mark_begin, NULL, "extracting");
     if (code == MN_OK)
-        code = walk(x, x->made, note_node, mark_used, is_checked ? "extracting" : "checking");
+        code = walk(x, x->made, note_split, mark_used,
+                    x->desc->what == MN_EXTRACT_FULL ? "checking" : "extracting");
     for (uint64_t w = 0; w < words_of(x); w++) {
         if (w % RANK_WORDS == 0)
             x->rank[w / RANK_WORDS] = x->mesh.vertices;
@@ -196,8 +205,8 @@ static mn_code flush_faces(extraction *x) {
 static mn_code put_vertex(void *context, uint32_t at, const mni_row *row, const uint32_t child[2]) {
     extraction *x = context;
     unsigned char record[MNI_PLY_VERTEX_MAX];
-    note_node(context, at, row, child);
-    if ((x->used[at / 64] >> at % 64 & 1) == 0)
+    note_split(context, at, row, child);
+    if (!mni_bit(x->used, at))
         return MN_OK;
     memcpy(x->position, row->position, sizeof x->position);
     x->color = row->rgba;
@@ -207,10 +216,10 @@ static mn_code put_vertex(void *context, uint32_t at, const mni_row *row, const 
 static mn_code put_face(void *context, const mni_row_simplex *simplex) {
     extraction *x = context;
     uint32_t corner[3];
-    if (simplex->corner[2] == MN_NONE || !is_split(x))
+    if (simplex->corner[2] == MN_NONE || !x->is_split)
         return MN_OK;
     for (int i = 0; i < 3; i++)
-        corner[i] = vertex_at(x, begin_of(x, simplex->corner[i]));
+        corner[i] = vertex_at(x, mni_front_begin(&x->front, simplex->corner[i]));
     mni_ply_face(corner, x->faces + x->faces_bytes);
     x->faces_bytes += MNI_PLY_FACE_BYTES;
     return x->faces_bytes == FACES_BYTES ? flush_faces(x) : MN_OK;
@@ -244,22 +253,33 @@ static mn_code write_file(extraction *x, const char *path) {
 /* ---- the whole ------------------------------------------------------------------------------ */
 
 static mn_code take_memory(extraction *x) {
-    const uint64_t words = words_of(x), ranks = words / RANK_WORDS + 1;
-    const uint64_t bins = BINS * sizeof *x->bin;
-    x->held_bytes = 2 * words * sizeof *x->begins + ranks * sizeof *x->rank + bins + FACES_BYTES;
-    const uint64_t need = MNI_PROGRAM_BYTES + x->held_bytes + mni_walk_bytes(&x->file);
-    if (x->desc->ram_bytes > 0 && x->desc->ram_bytes < need)
+    const bool by_count = x->desc->what == MN_EXTRACT_TRIANGLES;
+    const bool by_error = x->desc->what == MN_EXTRACT_ERROR;
+    const uint64_t words = words_of(x), ranks = words / RANK_WORDS + 1, ram = x->desc->ram_bytes;
+    x->held_bytes = (2 + by_error) * words * sizeof *x->used + ranks * sizeof *x->rank +
+                    (by_count ? BINS * sizeof *x->bin : 0) + FACES_BYTES;
+    x->settle_bytes = by_error ? mni_settle_least(x->leaves) : 0;
+    const uint64_t need =
+        MNI_PROGRAM_BYTES + x->held_bytes + x->settle_bytes + mni_walk_bytes(&x->file);
+    if (ram > 0 && ram < need)
         return mn_fail(x->st, MN_CAP_TOO_SMALL,
                        "%s: %.1f MB of memory are too few to extract it in: try --ram %lluM",
-                       x->file.path, (double)x->desc->ram_bytes / (1 << 20),
-                       (unsigned long long)(need >> 20) + 1);
-    x->begins = calloc(words, sizeof *x->begins);
+                       x->file.path, (double)ram / (1 << 20), (unsigned long long)(need >> 20) + 1);
+    if (by_error) { /* half of what is left: walks can use it as well */
+        const uint64_t most = mni_settle_most(x->leaves);
+        const uint64_t room = ram > 0 ? x->settle_bytes + (ram - need) / 2 : most;
+        x->settle_bytes = room < most ? room : most;
+    }
+    x->front = (mni_front){x->leaves, calloc(words, sizeof *x->front.begins)};
     x->used = calloc(words, sizeof *x->used);
     x->rank = calloc(ranks, sizeof *x->rank);
-    x->bin = calloc(BINS, sizeof *x->bin);
     x->faces = malloc(FACES_BYTES);
-    if (x->begins == NULL || x->used == NULL || x->rank == NULL || x->bin == NULL ||
-        x->faces == NULL)
+    if (by_count)
+        x->bin = calloc(BINS, sizeof *x->bin);
+    if (by_error)
+        x->split = calloc(words, sizeof *x->split);
+    if (x->front.begins == NULL || x->used == NULL || x->rank == NULL || x->faces == NULL ||
+        (by_count && x->bin == NULL) || (by_error && x->split == NULL))
         return mn_fail(x->st, MN_FAILED, "%s: no memory for a front", x->file.path);
     return MN_OK;
 }
@@ -279,39 +299,21 @@ static mn_code extract(extraction *x, const char *out) {
     return code == MN_OK ? write_file(x, out) : code;
 }
 
-static mn_code extract_loaded(const char *in, const mn_extract_desc *desc, const mn_watch *watch,
-                              const char *out, mn_mesh *mesh, mn_status *st) {
-    mn_tree tree;
-    mn_code code = mn_tree_fits(in, desc->ram_bytes, st);
-    if (code == MN_OK)
-        code = mn_tree_load(in, watch, &tree, st);
-    if (code != MN_OK)
-        return code;
-    code = mn_tree_extract(&tree, desc, mesh, NULL, st);
-    mn_tree_free(&tree);
-    return code == MN_OK ? mn_mesh_write_ply(out, mesh, st) : code;
-}
-
 mn_code mn_extract_file(const char *in, const mn_extract_desc *desc, const mn_watch *watch,
                         const char *out, mn_extract_result *result, mn_status *st) {
     mn_status own = {0};
     extraction x = {.desc = desc, .st = st != NULL ? st : &own, .out = {.fd = -1}};
-    mn_mesh mesh = {0};
-    mn_code code;
     if (watch != NULL)
         x.watch = *watch;
-    if (desc->what == MN_EXTRACT_ERROR) {
-        code = extract_loaded(in, desc, watch, out, &mesh, x.st);
-        *result = (mn_extract_result){mesh.vertices, mesh.triangles};
-        mn_mesh_free(&mesh);
-        return code;
-    }
-    code = mni_walked_open(&x.file, in, &x.watch, x.st);
+    if (desc->what == MN_EXTRACT_ERROR && !(desc->error >= 0))
+        return mn_fail(x.st, MN_USAGE, "an error of %g: it is a length, 0 or more", desc->error);
+    mn_code code = mni_walked_open(&x.file, in, &x.watch, x.st);
     if (code == MN_OK)
         code = extract(&x, out);
     mni_walked_close(&x.file);
     *result = (mn_extract_result){x.mesh.vertices, x.mesh.triangles};
-    free(x.begins);
+    free(x.front.begins);
+    free(x.split);
     free(x.used);
     free(x.rank);
     free(x.bin);

@@ -14,6 +14,7 @@
 #include "block.h"
 #include "block_press.h"
 #include "header.h"
+#include "rows.h"
 #include "simplify.h"
 
 enum {
@@ -29,6 +30,14 @@ enum {
 
 static uint64_t min_u64(uint64_t a, uint64_t b) {
     return a < b ? a : b;
+}
+
+uint64_t mni_tree_rows_bytes(uint64_t leaves, uint64_t simplices, bool has_colors) {
+    const uint64_t tree =
+        leaves * (12 /* positions */ + (has_colors ? 4 : 0) + 5 * 4 /* links, leaves */ +
+                  8 /* values, radii */ + sizeof(mn_cone) + 4 /* simplices begin */) +
+        simplices * 12;
+    return tree + leaves * (sizeof(mni_row) + 4) + simplices * sizeof(mni_row_simplex);
 }
 
 uint64_t mni_block_work(const mn_block_desc *desc, uint64_t leaves, bool threaded) {

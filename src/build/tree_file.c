@@ -2,10 +2,8 @@
  *
  * Hides: how rows become a tree by order ids again. What stands twice in them (intervals, rows of
  * children) must agree, so that whoever reads rows one by one may rely on what a whole reading
- * accepts. Times are not in the file: the same input gives the same bytes. Order: mn_tree_write,
- * mn_tree_read alone. One thread; blocks on the disk. Memory: the tree, 4 bytes a leaf. Paper:
- * none.
- */
+ * accepts. Times are not in the file: the same input gives the same bytes. Order: each call alone.
+ * One thread; blocks on the disk. Memory: the tree, 4 bytes a leaf. Paper: none. */
 #include <stdlib.h>
 #include <string.h>
 #include <xxhash.h>
@@ -272,4 +270,34 @@ mn_code mn_tree_read(const char *path, mn_tree *out, mn_status *st) {
 
 mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st) {
     return mn_tree_is_vdt(path) ? mn_tree_read(path, out, st) : mni_mnt_load(path, watch, out, st);
+}
+
+mn_code mn_tree_expect(const char *path, uint64_t *vertices, uint64_t *triangles, mn_status *st) {
+    mn_code code;
+    *vertices = *triangles = 0;
+    if (mn_tree_is_vdt(path)) {
+        mni_vdt_header h;
+        mn_tree facts;
+        mni_in in;
+        code = mni_in_open(&in, path, st);
+        if (code != MN_OK)
+            return code;
+        code = mni_vdt_header_read(&in, path, &h, &facts, st);
+        mni_in_close(&in);
+        if (code == MN_OK) {
+            *vertices = h.leaves;
+            *triangles = h.triangles;
+        }
+        return code;
+    }
+    mn_header *h = malloc(sizeof *h);
+    if (h == NULL)
+        return mn_fail(st, MN_FAILED, "%s: no memory to read it", path);
+    code = mn_header_read(path, h, st);
+    if (code == MN_OK) {
+        *vertices = h->leaves;
+        *triangles = h->triangles;
+    }
+    free(h);
+    return code;
 }

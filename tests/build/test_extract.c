@@ -1,13 +1,17 @@
 /* Goal: extract gives exactly the fronts that design.md §1 and §2 define.
  * Method: prefix fronts counted from the definition; settled fronts against a slow closure that
  * splits in an order drawn by lot and finds neighbours by looking at every simplex; files that were
- * extracted without the tree against those of the tree in memory. */
+ * extracted without the tree against those of the tree in memory; caps at their edge, files that
+ * are damaged meanwhile, full disks and interrupts at calls that could tell of one. */
 #include <check.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
+#include "disk_help.h"
 #include "suite.h"
 #include "tree.h"
 #include "tree_fixture.h"
@@ -279,8 +283,176 @@ START_TEST(files_hold_the_same_fronts) {
         same_file(in, &tree, &(mn_extract_desc){MN_EXTRACT_TRIANGLES, .triangles = n});
         same_file(rows, &made, &(mn_extract_desc){MN_EXTRACT_TRIANGLES, .triangles = n});
     }
-    same_file(in, &tree, &(mn_extract_desc){MN_EXTRACT_ERROR, .error = 0.01f});
+    for (float error = 0.001f; error < 1; error *= 3) {
+        same_file(in, &tree, &(mn_extract_desc){MN_EXTRACT_ERROR, .error = error});
+        same_file(rows, &made, &(mn_extract_desc){MN_EXTRACT_ERROR, .error = error});
+    }
     mn_tree_free(&made);
+    mn_tree_free(&tree);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
+/* Writes a tree as .mnt and .vdt, and reads both back: corners are turned in files. */
+static void store(const mn_tree *tree, const char *mnt, const char *vdt, mn_tree back[2]) {
+    mn_status st = {0};
+    const mn_block_desc cut = {.block_bytes = 4096};
+    ck_assert(mn_block_write(mnt, tree, &cut, NULL, NULL, &st) == MN_OK);
+    ck_assert_msg(mn_tree_load(mnt, NULL, &back[0], &st) == MN_OK, "%s", st.text);
+    ck_assert(mn_tree_write(vdt, tree, &st) == MN_OK);
+    ck_assert_msg(mn_tree_read(vdt, &back[1], &st) == MN_OK, "%s", st.text);
+}
+
+/* Small ones by the slow closure too, those of random trees with many roots and long waits. */
+START_TEST(files_hold_the_same_settled_fronts) {
+    char mnt[160], vdt[160];
+    mn_mesh mesh;
+    mn_tree tree, back[2];
+    uint64_t seed = fixture_seed(29 + (uint64_t)_i);
+    snprintf(mnt, sizeof mnt, "%s", fixture_path("settled.mnt"));
+    snprintf(vdt, sizeof vdt, "%s", fixture_path("settled.vdt"));
+    for (int round = 0; round < 6; round++) {
+        const uint32_t size = 3 + fixture_random(&seed) % 12;
+        if (_i == 2)
+            fixture_book(5 * size, &mesh);
+        else
+            fixture_sheet(size, seed, round % 2 == 0, &mesh);
+        if (_i == 1)
+            fixture_random_tree(&mesh, seed, &tree);
+        else
+            fixture_tree(&mesh, &tree);
+        store(&tree, mnt, vdt, back);
+        slow w = {&back[0], malloc(sizeof *w.owner * tree.leaves)};
+        for (int step = 0; step < 6; step++) {
+            mn_extract_desc desc = {.what = MN_EXTRACT_ERROR};
+            mn_status st = {0};
+            mn_mesh out;
+            uint32_t *active;
+            if (step < 4) /* a node's own, or nothing: huge fronts and small ones */
+                desc.error = step == 0 ? 0
+                                       : back[0].switch_value[fixture_random(&seed) % tree.inner] +
+                                             mn_grid_error(tree.grid_step);
+            else
+                desc.error = step == 4 ? INFINITY : 2 * back[0].switch_value[tree.inner - 1];
+            close_slowly(&w, fmaxf(desc.error - mn_grid_error(tree.grid_step), 0), &seed);
+            ck_assert(mn_tree_extract(&back[0], &desc, &out, &active, &st) == MN_OK);
+            same_front(&w, &out, active);
+            free(active);
+            mn_mesh_free(&out);
+            same_file(mnt, &back[0], &desc);
+            same_file(vdt, &back[1], &desc);
+        }
+        free(w.owner);
+        mn_tree_free(&back[0]);
+        mn_tree_free(&back[1]);
+        mn_tree_free(&tree);
+        mn_mesh_free(&mesh);
+    }
+}
+END_TEST
+
+static bool stop(void *context, const char *phase, uint64_t done, uint64_t total) {
+    uint32_t *left = context; /* calls before it stops */
+    (void)phase;
+    (void)done;
+    (void)total;
+    return (*left)-- > 0;
+}
+
+static bool stop_settling(void *context, const char *phase, uint64_t done, uint64_t total) {
+    (void)context;
+    (void)done;
+    (void)total;
+    return strcmp(phase, "settling") != 0;
+}
+
+/* The least cap with which a front begins to settle. */
+static uint64_t least_cap(const char *in, mn_extract_desc desc, const char *out) {
+    uint64_t low = 1 << 20, high = 64 << 20;
+    while (high - low > 1) {
+        mn_extract_result result;
+        mn_status st = {0};
+        desc.ram_bytes = low + (high - low) / 2;
+        const mn_code code =
+            mn_extract_file(in, &desc, &(mn_watch){stop_settling, NULL}, out, &result, &st);
+        if (code == MN_CAP_TOO_SMALL) {
+            ck_assert_ptr_nonnull(strstr(st.text, "try --ram "));
+            low = desc.ram_bytes;
+        } else {
+            ck_assert_msg(code == MN_FAILED && strcmp(st.text, "interrupted") == 0, "%s", st.text);
+            high = desc.ram_bytes;
+        }
+    }
+    return high;
+}
+
+/* 72,900 leaves: their order ids do not fit the pages that the least cap has. */
+static void make_large(mn_mesh *mesh, mn_tree *tree, const char *mnt, const char *vdt,
+                       mn_tree back[2]) {
+    fixture_sheet(270, 3, true, mesh);
+    fixture_tree(mesh, tree);
+    store(tree, mnt, vdt, back);
+}
+
+START_TEST(settled_fronts_need_no_more_than_the_least_cap) {
+    char mnt[160], vdt[160], out[160];
+    mn_mesh mesh;
+    mn_tree tree, back[2];
+    snprintf(mnt, sizeof mnt, "%s", fixture_path("edge.mnt"));
+    snprintf(vdt, sizeof vdt, "%s", fixture_path("edge.vdt"));
+    snprintf(out, sizeof out, "%s", fixture_path("edge.ply"));
+    make_large(&mesh, &tree, mnt, vdt, back);
+    for (int i = 0; i < 2; i++) {
+        const char *in = i == 0 ? mnt : vdt;
+        mn_extract_desc desc = {.what = MN_EXTRACT_ERROR, .temp_dir = fixture_path("")};
+        desc.error = back[i].switch_value[tree.inner / 2] + mn_grid_error(tree.grid_step);
+        desc.ram_bytes = least_cap(in, desc, out);
+        printf("%s: %llu bytes\n", in, (unsigned long long)desc.ram_bytes);
+        ck_assert_uint_lt(desc.ram_bytes, 6 << 20);
+        same_file(in, &back[i], &desc);
+    }
+    mn_tree_free(&back[0]);
+    mn_tree_free(&back[1]);
+    mn_tree_free(&tree);
+    mn_mesh_free(&mesh);
+}
+END_TEST
+
+START_TEST(settling_survives_full_disks_and_interrupts) {
+    char mnt[160], vdt[160], out[160];
+    mn_mesh mesh;
+    mn_tree tree, back[2];
+    mn_extract_result result;
+    snprintf(mnt, sizeof mnt, "%s", fixture_path("full.mnt"));
+    snprintf(vdt, sizeof vdt, "%s", fixture_path("full.vdt"));
+    snprintf(out, sizeof out, "%s", fixture_path("full.ply"));
+    make_large(&mesh, &tree, mnt, vdt, back);
+    mn_extract_desc desc = {.what = MN_EXTRACT_ERROR, .temp_dir = fixture_path("")};
+    desc.error = back[0].switch_value[tree.inner * 9 / 10] + mn_grid_error(tree.grid_step);
+    desc.ram_bytes = least_cap(mnt, desc, out);
+    mn_status st = {0};
+    signal(SIGXFSZ, SIG_IGN);
+    limit_files(64 << 10);
+    ck_assert_int_eq(mn_extract_file(mnt, &desc, NULL, out, &result, &st), MN_NO_SPACE);
+    ck_assert_ptr_nonnull(strstr(st.text, "--temp-dir"));
+    limit_files(RLIM_INFINITY);
+    desc.temp_dir = "/nowhere/at/all";
+    st = (mn_status){0};
+    ck_assert_int_eq(mn_extract_file(mnt, &desc, NULL, out, &result, &st), MN_FAILED);
+    ck_assert_ptr_nonnull(strstr(st.text, "/nowhere/at/all"));
+    desc.temp_dir = NULL;
+    uint32_t calls = 0;
+    for (mn_code code = MN_FAILED; code != MN_OK; calls += 1 + calls / 2) {
+        uint32_t left = calls;
+        st = (mn_status){0};
+        code = mn_extract_file(mnt, &desc, &(mn_watch){stop, &left}, out, &result, &st);
+        ck_assert_msg(code == MN_OK || (code == MN_FAILED && strcmp(st.text, "interrupted") == 0),
+                      "%s", st.text);
+        ck_assert_int_eq(access(out, F_OK) == 0, code == MN_OK);
+    }
+    ck_assert_uint_gt(calls, 3); /* in the first walk, and in later ones */
+    mn_tree_free(&back[0]);
+    mn_tree_free(&back[1]);
     mn_tree_free(&tree);
     mn_mesh_free(&mesh);
 }
@@ -343,7 +515,8 @@ START_TEST(a_file_may_be_damaged_between_two_walks) {
     fixture_tree(&mesh, &tree);
     ck_assert_uint_gt(tree.inner, 80000);
     ck_assert(mn_block_write(in, &tree, &cut, NULL, NULL, &st) == MN_OK);
-    const mn_extract_desc desc = {MN_EXTRACT_TRIANGLES, .triangles = mesh.triangles - 1};
+    const mn_extract_desc desc = {_i == 0 ? MN_EXTRACT_TRIANGLES : MN_EXTRACT_ERROR,
+                                  .triangles = mesh.triangles - 1};
     ck_assert_int_eq(mn_extract_file(in, &desc, &watch, out, &result, &st), MN_BAD_INPUT);
     ck_assert_ptr_nonnull(strstr(st.text, "does not begin like a block"));
     mn_tree_free(&tree);
@@ -359,8 +532,11 @@ int main(void) {
     tcase_add_loop_test(t, prefix_fronts_have_the_most_triangles_allowed, 0, 3);
     tcase_add_test(t, full_detail_and_nothing_at_all);
     tcase_add_loop_test(t, files_hold_the_same_fronts, 0, 3);
+    tcase_add_loop_test(t, files_hold_the_same_settled_fronts, 0, 3);
+    tcase_add_test(t, settled_fronts_need_no_more_than_the_least_cap);
+    tcase_add_test(t, settling_survives_full_disks_and_interrupts);
     tcase_add_test(t, a_small_cap_is_refused_with_one_that_does);
-    tcase_add_test(t, a_file_may_be_damaged_between_two_walks);
+    tcase_add_loop_test(t, a_file_may_be_damaged_between_two_walks, 0, 2);
     suite_add_tcase(s, t);
     return suite_run(s);
 }

@@ -178,7 +178,8 @@ not_meshes() {
     bad tree.vdt "a .vdt where a mesh should be"
     local file command
     for file in good.obj empty folder fifo missing /dev/zero noise; do
-        for command in "info $file" "verify $file" "extract $file --full -o never.ply" "block $file -o never.mnt" \
+        for command in "info $file" "verify $file" "extract $file --full -o never.ply" \
+            "extract $file --error 0.001 -o never.ply" "block $file -o never.mnt" \
             "replay $file --path orbit" "shoot $file --path orbit --frame 0 -o never.png"; do
             # shellcheck disable=SC2086
             expect 3 "$command" $command && one_line "$command" "$file"
@@ -331,7 +332,8 @@ damaged_block() {
     cp hills.mnt inner.mnt
     "$damage" inner.mnt add $((id * 4096 + 1000)) 1
     local command
-    for command in "verify inner.mnt" "extract inner.mnt --full -o never.ply" "block inner.mnt -o never.mnt"; do
+    for command in "verify inner.mnt" "extract inner.mnt --full -o never.ply" \
+        "extract inner.mnt --error 0 -o never.ply" "block inner.mnt -o never.mnt"; do
         # shellcheck disable=SC2086
         expect 3 "$command, block $id damaged" $command && one_line "$command" inner.mnt "block $id" checksum
     done
@@ -344,7 +346,8 @@ damaged_block() {
     done
     cp hills.mnt root.mnt
     "$damage" root.mnt add 5000 1
-    for command in "verify root.mnt" "extract root.mnt --full -o never.ply" "replay root.mnt --path orbit" \
+    for command in "verify root.mnt" "extract root.mnt --full -o never.ply" \
+        "extract root.mnt --error 0 -o never.ply" "replay root.mnt --path orbit" \
         "replay root.mnt --path orbit --store mapped" "replay root.mnt --path orbit --store resident"; do
         # shellcheck disable=SC2086
         expect 3 "$command, root block damaged" $command && one_line "$command" root.mnt "block 1"
@@ -469,7 +472,8 @@ vdt_refused() {
 # What agrees with its checksum and is not so is for those to find who go through the tree: info does not.
 vdt_lies() {
     local name=$1 command
-    for command in "verify bad.vdt" "extract bad.vdt --full -o never.ply" "block bad.vdt -o never.mnt"; do
+    for command in "verify bad.vdt" "extract bad.vdt --full -o never.ply" \
+        "extract bad.vdt --error 0.001 -o never.ply" "block bad.vdt -o never.mnt"; do
         # shellcheck disable=SC2086
         expect 3 "$name" $command && one_line "$name" bad.vdt
     done

@@ -43,6 +43,7 @@ part phases verify checking -- verify ball.mnt
 part phases verify read number check grid comparing checking comparing checking comparing -- verify ball.mnt --against ball.ply
 part phases extract checking -- extract ball.mnt --triangles 9000 -o coarse.ply
 part phases extract checking extracting -- extract ball.mnt --full -o whole.ply
+part phases extract checking settling extracting -- extract ball.mnt --error 0.0001 -o near.ply
 part phases compare read measuring -- compare ball.ply coarse.ply --samples 300000
 part phases "bench error" read simplify measuring -- bench error ball.ply --fronts 1 --samples 100000
 part phases replay frames -- replay ball.mnt --path orbit --frames 30

@@ -115,6 +115,10 @@ expect 0 verify a.mnt --against full.ply
 expect 0 extract a.vdt --triangles 500 -o x.ply --json
 grep -q '"triangles": \(500\|49[0-9]\),' out.txt || fail "extract --triangles 500: $(cat out.txt)"
 expect 0 extract a.mnt --error 0.05 -o x.ply
+expect 0 extract a.vdt --error 0.05 -o y.ply --temp-dir .
+cmp x.ply y.ply || fail "extract --error: not the same of both files"
+expect 1 extract a.mnt --error 0.05 -o x.ply --temp-dir nowhere
+says nowhere
 
 # --- what does not fit a cap is refused with what would, and that does
 for command in "verify a.mnt" "verify a.vdt" "verify a.mnt --against in.ply" "extract a.mnt --full -o x.ply" \
