@@ -154,6 +154,12 @@ mni_agenda_item *mni_agenda_ahead(mni_agenda *a, uint32_t *count) {
     return a->item + a->next;
 }
 
+void mni_agenda_unmark(mni_agenda *a, uint32_t bit) {
+    for (uint32_t i = 0; i < a->heap; i++)
+        a->item[i].key &= ~bit;
+    heapify(a->item, a->heap);
+}
+
 void mni_agenda_keep(mni_agenda *a, bool (*keep)(const void *context, mni_agenda_item item),
                      const void *context) {
     uint32_t kept = 0, to = a->max;

@@ -47,6 +47,8 @@ bool mni_agenda_pop(mni_agenda *agenda, mni_agenda_item *out); /* false: empty *
 /* What is to be popped next as far as nothing is pushed before it: up to count items, *count of
  * them. Their `order` may be changed where no two keys are equal. */
 mni_agenda_item *mni_agenda_ahead(mni_agenda *agenda, uint32_t *count);
+/* Takes a bit off the keys of all that has been pushed. O(items pushed). */
+void mni_agenda_unmark(mni_agenda *agenda, uint32_t bit);
 /* Drops what is not worth keeping. O(items). */
 void mni_agenda_keep(mni_agenda *agenda, bool (*keep)(const void *context, mni_agenda_item item),
                      const void *context);

@@ -24,6 +24,7 @@
 #include <string.h>
 
 #include "mn_assert.h"
+#include "refusals.h"
 
 enum {
     SMALL_TRIANGLES = 2000,
@@ -44,7 +45,8 @@ enum { RANKS = 32, PLACES = 1 << 27, HALF_DOUBLING_BITS = 22 };
 #define LOOK (-1.0f)    /* due now: the clock of motion begins at 0 */
 #define NEVER INFINITY  /* nobody is in the slot: who comes sets it */
 
-/* ---- collapses ---------------------------------------------------------------------------------
+/* ---- collapses
+ * ---------------------------------------------------------------------------------
  */
 
 static uint64_t ops(const mni_navigator *nav) {
@@ -392,7 +394,7 @@ static uint32_t split_key(double priority_px) {
     float value = priority_px < 1e30 ? (float)priority_px : 1e30f;
     uint32_t bits;
     memcpy(&bits, &value, sizeof bits);
-    return UINT32_MAX - bits;
+    return MNI_PUT_OFF - 1 - bits;
 }
 
 /* By half doublings of the error over the tolerance, falling, and within one of them by place: so
@@ -411,7 +413,7 @@ static double key_px(const mni_navigator *nav, uint32_t key) {
         return INFINITY;
     if (nav->by_place)
         key = split_key(fmax(nav->lens.tolerance_px, 0)) - ((RANKS - rank) << HALF_DOUBLING_BITS);
-    uint32_t bits = UINT32_MAX - key;
+    uint32_t bits = MNI_PUT_OFF - 1 - key;
     float value;
     memcpy(&value, &bits, sizeof value);
     return nextafterf(value, INFINITY);
@@ -529,40 +531,18 @@ static void refuse(mni_navigator *nav, uint32_t key, mni_outcome outcome) {
     }
 }
 
-/* Which refused chains are worth finding again in this pass. */
-static void refusals_begin(mni_navigator *nav) {
-    uint64_t epoch = mni_store_epoch(nav->front.store);
-    bool changed = epoch != nav->epoch;
-    nav->again = nav->moved || nav->front.version != nav->version || changed;
-    nav->lenient = !nav->moved && changed;
-    nav->turn = (nav->turn + 1) % MNI_TURNS;
-    nav->epoch = epoch;
-}
-
-/* Would the chain of a slot be refused as it was before? It needs the block that it was refused for
- * as long as it stands. If it needs others too that others have brought in meanwhile, it needs less
- * room than then: so all are tried when nothing else moves, and each in its turn. */
-static bool is_refused_still(const mni_navigator *nav, uint32_t slot) {
-    if ((nav->front.node[slot].flags & MNI_NODE_GIVEN_UP) == 0)
-        return false;
-    const mni_refusal *refusal = &nav->refusal[slot];
-    if (refusal->block_id == 0)
-        return !nav->again;
-    bool lenient =
-        nav->lenient || (nav->moved && nav->front.node[slot].order % MNI_TURNS == nav->turn);
-    return !mni_store_allows(nav->front.store, refusal, lenient);
-}
-
-/* Finds a chain and remembers what it was refused for. */
+/* Finds a chain and remembers what it was refused for, which is sought where places are scarce. */
 static mni_outcome chain_try(mni_navigator *nav, uint32_t slot, uint32_t *count) {
-    if (is_refused_still(nav, slot))
-        return MNI_REFUSED_POOL;
-    nav->front.node[slot].flags &= 7 & ~MNI_NODE_GIVEN_UP;
-    mni_outcome outcome = chain_find(nav, slot, count);
-    if (outcome == MNI_REFUSED_POOL) {
-        nav->front.node[slot].flags |= MNI_NODE_GIVEN_UP;
-        nav->refusal[slot] = mni_store_refusal(nav->front.store);
+    const bool refused = mni_refusals_stands(nav, slot);
+    mni_outcome outcome = refused ? MNI_REFUSED_POOL : MNI_MISS;
+    if (!refused && !mni_refusals_lacks(nav, slot)) {
+        nav->front.node[slot].flags &= 7 & ~MNI_NODE_GIVEN_UP;
+        outcome = chain_find(nav, slot, count);
+        if (outcome != MNI_REFUSED_POOL)
+            return outcome;
+        mni_refusals_put(nav, slot);
     }
+    mni_refusals_seek(nav, slot);
     return outcome;
 }
 
@@ -632,8 +612,7 @@ static void keep_chain(mni_navigator *nav, uint32_t count) {
 
 static void split_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
-    refusals_begin(nav);
-    mni_lacking_forget(&nav->lacking);
+    mni_refusals_begin(nav);
     split_agenda(nav);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     mni_agenda_item item;
@@ -643,12 +622,18 @@ static void split_pass(mni_navigator *nav) {
             fetched = fetch_ahead(nav);
         if (!mni_agenda_pop(&nav->agenda, &item))
             break;
+        if (mni_refusals_wait(nav, item))
+            continue;
         uint32_t slot = item.what, count, triangles = front->triangles;
         if (!item_stands(front, item)) /* forced by another */
             continue;
         mni_outcome outcome = closed;
         if (closed == MNI_DONE)
             outcome = chain_try(nav, slot, &count);
+        if (outcome == MNI_MISS && nav->there_only) {
+            mni_refusals_put_off(nav, item);
+            continue;
+        }
         if (outcome != MNI_DONE) {
             refuse(nav, item.key, outcome);
             if (outcome == MNI_REFUSED_FRONT || outcome == MNI_REFUSED_BUDGET)
@@ -659,6 +644,7 @@ static void split_pass(mni_navigator *nav) {
         nav->work.triangles_made += front->triangles - triangles;
         keep_chain(nav, count);
     }
+    mni_refusals_end(nav);
     nav->version = front->version;
 }
 
@@ -813,6 +799,8 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
                     nav->front.active >= MNI_PLACES_MIN;
     nav->early = nav->looks_ahead && nav->ahead.look.moves && used_px > 0 && nav->ops_max == 0 &&
                  nav->triangles_max == 0 && nav->work.refused_px == 0;
+    nav->seeks = nav->looks_ahead && nav->ahead.look.moves && nav->work.refused_px > 0 &&
+                 nav->work.refused_pool > 0;
     nav->work = (mni_work){0};
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */

@@ -70,7 +70,11 @@ typedef struct mni_navigator {
     bool by_place; /* splits go by place where their errors are alike */
     uint32_t place_shift; /* leaf ids without so many bits are places in keys of splits */
     bool lenient;         /* nothing moved, but blocks came into use or went */
-    uint32_t turn;    /* of the frame: whose refused chains are tried, at less than their need */
+    uint32_t turn; /* of the frame: whose refused chains are tried, at less than their need */
+    /* the frame before found no room for something in the pool: so what comes next is sought, as
+     * far as there are places for it … */
+    bool seeks;
+    bool there_only;  /* … and only what is in memory has its turn now */
     uint64_t version; /* of the front, at the end of the last pass of splits */
     uint64_t epoch;   /* of the store, then */
     mni_work work;

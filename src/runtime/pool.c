@@ -20,9 +20,9 @@ size_t mni_pool_need(const mn_header *header, uint32_t k) {
     return mni_arena_need(batch_max(k) + mni_pool_prefetches_max(k), sizeof(mni_command),
                           _Alignof(mni_command)) +
            mni_arena_need(MNI_AHEAD_MAX, sizeof(mni_command), _Alignof(mni_command)) +
-           mni_hashmap_need(MNI_AHEAD_MAX) + mni_holders_need(k, header->block_bytes_max) +
-           mni_hashmap_need(k) + mni_grants_need(k) + mni_failures_need() +
-           mni_arena_need(k, sizeof(uint32_t), _Alignof(uint32_t));
+           mni_hashmap_need(MNI_AHEAD_MAX) + mni_sought_need(k) +
+           mni_holders_need(k, header->block_bytes_max) + mni_hashmap_need(k) + mni_grants_need(k) +
+           mni_failures_need() + mni_arena_need(k, sizeof(uint32_t), _Alignof(uint32_t));
 }
 
 void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board, mni_arena *arena) {
@@ -44,6 +44,7 @@ void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board,
     pool->batch.sorts = desc->prefetch == MN_PREFETCH_AHEAD;
     pool->ahead = mni_arena_take(arena, MNI_AHEAD_MAX, sizeof(mni_command), _Alignof(mni_command));
     mni_hashmap_open(&pool->ahead_by_id, MNI_AHEAD_MAX, arena);
+    mni_sought_open(&pool->sought, k, arena);
     mni_lock_open(&pool->lock);
     pool->lock.name = MN_TRACE_LOCK_POOL;
 }

@@ -19,6 +19,7 @@
 #include "freelist.h"
 #include "grants.h"
 #include "holder.h"
+#include "sought.h"
 #include "store_kind.h"
 
 enum {
@@ -78,6 +79,9 @@ typedef struct mni_pool {
     mni_command *ahead; /* MNI_AHEAD_MAX: what this frame foresees, each block once */
     uint32_t ahead_count;
     mni_hashmap ahead_by_id;
+    bool there_only;       /* what is absent is sought, and not granted */
+    mni_sought sought;     /* blocks that somebody was refused for */
+    uint32_t sought_count; /* of what this frame foresees: those */
 } mni_pool;
 
 size_t mni_pool_need(const mn_header *header, uint32_t k);
@@ -106,6 +110,9 @@ bool mni_pool_comes(mni_pool *pool, uint32_t block_id);
  * fetched when there is a place that nobody needs sooner. Says nothing where prefetches are not by
  * foresight. */
 void mni_pool_ahead(mni_pool *pool, mn_block_ref ref, uint32_t parent_id, uint32_t frames);
+/* See mni_store_there_only and mni_store_seek. */
+bool mni_pool_there_only(mni_pool *pool, bool only);
+bool mni_pool_seek(mni_pool *pool, uint32_t block_id);
 void mni_pool_note(mni_pool *pool, uint32_t block_id, const mni_note *note);
 /* See mni_store_early. */
 void mni_pool_early(mni_pool *pool, uint32_t frames);

@@ -35,6 +35,11 @@ static int64_t k_to_use(const mni_pool *pool) {
     return mni_store_k_to_use(pool->header, k_in_service(pool), pool->prefetch);
 }
 
+/* What they leave for what is to come. */
+static uint32_t to_come(const mni_pool *pool) {
+    return k_in_service(pool) - (uint32_t)k_to_use(pool);
+}
+
 /* By how much the rules fail; 0 and below: they hold. own: the block's own grant, or
  * MNI_HASHMAP_NONE. */
 
@@ -97,6 +102,56 @@ double mni_pool_fill(const mni_pool *pool, uint32_t table_count, uint32_t in_use
     return (double)in_use / (k - 1);
 }
 
+/* ---- foresight ------------------------------------------------------------------------------- */
+
+/* NULL: no more of them. */
+static mni_command *foresee(mni_pool *pool, mn_block_ref ref, uint32_t parent_id, uint32_t frames) {
+    const uint32_t due = (uint32_t)pool->frame + frames,
+                   at = mni_hashmap_find(&pool->ahead_by_id, ref.id);
+    if (at != MNI_HASHMAP_NONE) {
+        mni_command *known = &pool->ahead[at];
+        known->due = due < known->due ? due : known->due;
+        return known;
+    }
+    if (pool->ahead_count == MNI_AHEAD_MAX)
+        return NULL;
+    mni_hashmap_put(&pool->ahead_by_id, ref.id, pool->ahead_count);
+    mni_command *command = &pool->ahead[pool->ahead_count++];
+    *command = (mni_command){.kind = MNI_COMMAND_PREFETCH,
+                             .places = MNI_PLACES_SPARE,
+                             .ref = ref,
+                             .parent_id = parent_id,
+                             .sponsor = MN_NONE,
+                             .due = due,
+                             .frame = (uint32_t)pool->frame};
+    return command;
+}
+
+void mni_pool_ahead(mni_pool *pool, mn_block_ref ref, uint32_t parent_id, uint32_t frames) {
+    if (pool->prefetch == MN_PREFETCH_AHEAD)
+        (void)foresee(pool, ref, parent_id, frames);
+}
+
+bool mni_pool_there_only(mni_pool *pool, bool only) {
+    const bool seeks = to_come(pool) > 0;
+    pool->there_only = only && seeks;
+    return seeks;
+}
+
+/* As many as there are places that nobody may have in use: so whoever is sought in every frame is
+ * not thrown out for another, whatever place that takes. */
+bool mni_pool_seek(mni_pool *pool, uint32_t block_id) {
+    if (pool->sought_count >= to_come(pool))
+        return false;
+    const mni_seek *seek = mni_sought_find(&pool->sought, block_id);
+    const uint32_t known = pool->ahead_count;
+    mni_command *command = seek != NULL ? foresee(pool, seek->ref, seek->parent_id, 0) : NULL;
+    if (command != NULL)
+        command->places = MNI_PLACES_ANY;
+    pool->sought_count += pool->ahead_count > known;
+    return true;
+}
+
 /* ---- asking ---------------------------------------------------------------------------------- */
 
 static void attempt_begins(mni_pool *pool, const mni_wish *wish) {
@@ -135,6 +190,8 @@ static mni_answer answer_absent(mni_pool *pool) {
 static mni_answer answer_refused(mni_pool *pool, const mni_wish *wish, int64_t lacks) {
     int64_t need = pool->attempt.room + lacks;
     pool->attempt.refused = true;
+    if (pool->early == 0 && wish->way == MNI_WAY_DOWN)
+        mni_sought_put(&pool->sought, wish->ref, wish->parent.id);
     pool->refusal = (mni_refusal){.block_id = wish->ref.id, .need = need > 1 ? (int32_t)need : 1};
     return MNI_REFUSED;
 }
@@ -152,6 +209,13 @@ static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, u
         pool->stats.urgent_down_refused++;
         MNI_TRACE(MN_TRACE_REFUSED, 1, wish->ref.id, 0);
         return answer_refused(pool, wish, lacks);
+    }
+    if (own == MNI_HASHMAP_NONE && pool->there_only) {
+        if (wish->way == MNI_WAY_DOWN) {
+            mni_sought_put(&pool->sought, wish->ref, wish->parent.id);
+            (void)mni_pool_seek(pool, wish->ref.id);
+        }
+        return MNI_ABSENT;
     }
     if (own == MNI_HASHMAP_NONE) {
         bool outside = wish->way == MNI_WAY_OVERFLOW || (wish->way == MNI_WAY_DOWN && wish->adds);
@@ -332,8 +396,9 @@ bool mni_pool_has(mni_pool *pool, uint32_t block_id) {
 
 bool mni_pool_comes(mni_pool *pool, uint32_t block_id) {
     mni_pool_lock(pool);
-    bool comes = mni_grants_find(&pool->grants, block_id) != MNI_HASHMAP_NONE &&
-                 !mni_failures_has(&pool->failures, block_id);
+    bool comes =
+        (mni_grants_find(&pool->grants, block_id) != MNI_HASHMAP_NONE || pool->there_only) &&
+        !mni_failures_has(&pool->failures, block_id);
     mni_pool_unlock(pool);
     return comes;
 }
@@ -501,28 +566,6 @@ uint32_t mni_pool_begin_frame(mni_pool *pool, mni_report report[MNI_REPORTS_MAX]
 
 /* ---- the end of a frame: foresight ----------------------------------------------------------- */
 
-void mni_pool_ahead(mni_pool *pool, mn_block_ref ref, uint32_t parent_id, uint32_t frames) {
-    if (pool->prefetch != MN_PREFETCH_AHEAD)
-        return;
-    uint32_t due = (uint32_t)pool->frame + frames;
-    uint32_t at = mni_hashmap_find(&pool->ahead_by_id, ref.id);
-    if (at != MNI_HASHMAP_NONE) {
-        if (due < pool->ahead[at].due)
-            pool->ahead[at].due = due;
-        return;
-    }
-    if (pool->ahead_count == MNI_AHEAD_MAX)
-        return;
-    mni_hashmap_put(&pool->ahead_by_id, ref.id, pool->ahead_count);
-    pool->ahead[pool->ahead_count++] = (mni_command){.kind = MNI_COMMAND_PREFETCH,
-                                                     .places = MNI_PLACES_SPARE,
-                                                     .ref = ref,
-                                                     .parent_id = parent_id,
-                                                     .sponsor = MN_NONE,
-                                                     .due = due,
-                                                     .frame = (uint32_t)pool->frame};
-}
-
 /* Grants come, go and are noted on by Navigate alone: so it may look for them without the lock. */
 void mni_pool_note(mni_pool *pool, uint32_t block_id, const mni_note *note) {
     uint32_t at = mni_hashmap_find(&pool->ahead_by_id, block_id);
@@ -555,7 +598,7 @@ static void settle_ahead(mni_pool *pool) {
         }
         mni_hashmap_remove(&pool->ahead_by_id, command->ref.id);
     }
-    pool->ahead_count = 0;
+    pool->ahead_count = pool->sought_count = 0;
 }
 
 /* ---- the end of a frame ---------------------------------------------------------------------- */

@@ -326,6 +326,18 @@ void mni_store_early(mni_store *store, uint32_t frames) {
         store->kind->early(store->blocks, frames);
 }
 
+bool mni_store_there_only(mni_store *store, bool only) {
+    return store->kind->there_only != NULL && store->kind->there_only(store->blocks, only);
+}
+
+bool mni_store_seek(mni_store *store, const mni_refusal *refusal) {
+    return store->kind->seek != NULL && store->kind->seek(store->blocks, refusal->block_id);
+}
+
+bool mni_store_has(mni_store *store, const mni_refusal *refusal) {
+    return store->kind->has == NULL || store->kind->has(store->blocks, refusal->block_id);
+}
+
 /* ---- frames --------------------------------------------------------------------------------- */
 
 void mni_store_frame_begin(mni_store *store) {

@@ -161,6 +161,17 @@ void mni_store_note(mni_store *store, mn_block_ref ref, const mni_note *note);
  * frames 0: it ends. */
 void mni_store_early(mni_store *store, uint32_t frames);
 
+/* Where places are scarce, from one call to the next: only what is in memory comes into use, and
+ * what has been granted before. What is absent is answered so, but sought, not granted. false: none
+ * of the places is left for what is to come, and nothing changes. */
+bool mni_store_there_only(mni_store *store, bool only);
+/* What was refused for want of room would be split next, if there were some: so its block is
+ * sought, which is to be fetched into the places that are left for what is to come. In a frame,
+ * before its end. false: so many are by now. */
+bool mni_store_seek(mni_store *store, const mni_refusal *refusal);
+/* Is the block in memory that it was refused for? */
+bool mni_store_has(mni_store *store, const mni_refusal *refusal);
+
 /* Between frames. begin: completions that have arrived are taken in. end: commands are posted, and
  * grants that Navigate did not ask for again in this frame are dropped (their pins go). The
  * simulated disk's clock advances by frame_s. */

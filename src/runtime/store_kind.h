@@ -47,6 +47,10 @@ typedef struct mni_store_kind {
     void (*ahead)(void *self, mn_block_ref ref, uint32_t parent_id, uint32_t frames);
     void (*note)(void *self, uint32_t block_id, const mni_note *note);
     void (*early)(void *self, uint32_t frames);
+    /* NULL: there is room for all, and all is there. */
+    bool (*there_only)(void *self, bool only);
+    bool (*seek)(void *self, uint32_t block_id);
+    bool (*has)(void *self, uint32_t block_id);
     void (*frame_begin)(void *self);
     void (*frame_end)(void *self, double frame_s);
     void (*drain)(void *self);

@@ -295,6 +295,18 @@ static void early(void *self, uint32_t frames) {
     mni_pool_early(&((paged *)self)->pool, frames);
 }
 
+static bool there_only(void *self, bool only) {
+    return mni_pool_there_only(&((paged *)self)->pool, only);
+}
+
+static bool seek(void *self, uint32_t block_id) {
+    return mni_pool_seek(&((paged *)self)->pool, block_id);
+}
+
+static bool has(void *self, uint32_t block_id) {
+    return mni_pool_has(&((paged *)self)->pool, block_id);
+}
+
 /* ---- figures --------------------------------------------------------------------------------- */
 
 static uint32_t pending(void *self) {
@@ -401,6 +413,9 @@ const mni_store_kind mni_store_paged = {
     .ahead = ahead,
     .note = note,
     .early = early,
+    .there_only = there_only,
+    .seek = seek,
+    .has = has,
     .frame_begin = frame_begin,
     .frame_end = frame_end,
     .drain = drain,

@@ -109,6 +109,35 @@ START_TEST(many_ties) {
 }
 END_TEST
 
+/* What is put off by a bit above all keys comes after the others, and in its old place when that is
+ * taken off. */
+START_TEST(put_off_and_back) {
+    enum { ITEMS = 900 };
+    const uint32_t bit = 1u << 31;
+    mni_agenda agenda;
+    mni_arena arena = open_agenda(&agenda, 2 * ITEMS);
+    mni_agenda_item item, last = {0};
+    for (uint32_t i = 0; i < ITEMS; i++)
+        mni_agenda_add(&agenda, (mni_agenda_item){.key = uniform(bit), .order = i, .what = i});
+    mni_agenda_begin(&agenda);
+    for (uint32_t i = 0; i < ITEMS / 2; i++) { /* of the first half every third stays */
+        ck_assert(mni_agenda_pop(&agenda, &item) && (item.key & bit) == 0);
+        item.key |= bit;
+        if (i % 3 == 0)
+            mni_agenda_push(&agenda, item);
+    }
+    ck_assert(mni_agenda_pop(&agenda, &last) && (last.key & bit) == 0);
+    mni_agenda_unmark(&agenda, bit);
+    uint32_t left = 0;
+    for (item = (mni_agenda_item){0}; mni_agenda_pop(&agenda, &item); left++) {
+        ck_assert((item.key & bit) == 0);
+        ck_assert(before(item, last) == (left < ITEMS / 6));
+    }
+    ck_assert_uint_eq(left, ITEMS / 6 + ITEMS / 2 - 1);
+    mni_arena_close(&arena);
+}
+END_TEST
+
 int main(void) {
     const char *seed = getenv("MN_SEED");
     random_state = seed != NULL ? strtoull(seed, NULL, 10) : 20261122;
@@ -118,6 +147,7 @@ int main(void) {
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, smallest_first, 0, 7);
     tcase_add_test(tc, many_ties);
+    tcase_add_test(tc, put_off_and_back);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }

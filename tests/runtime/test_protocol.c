@@ -73,16 +73,16 @@ static mni_answer enter(uint32_t block) {
 
 /* A root block, two below it, two below each of those; the root is in use, and the prefetches of
  * its children stand on the board. */
-static void open_pool_of(uint32_t k) {
+static void open_pool_as(mn_blocking blocking, uint32_t blocks, mn_prefetch prefetch, uint32_t k) {
     made_desc made = {.seed = 1,
-                      .blocks = 15,
-                      .depth_max = 4,
+                      .blocks = blocks,
+                      .depth_max = 8,
                       .fanout_max = 2,
                       .pages_max = 1,
-                      .blocking = MN_BLOCKING_LEVELS,
+                      .blocking = blocking,
                       .regular = true};
     made_file_make(&file, &made);
-    mni_store_desc desc = {.header = &file.header, .k = k, .prefetch = MN_PREFETCH_NEIGHBOURS};
+    mni_store_desc desc = {.header = &file.header, .k = k, .prefetch = prefetch};
     size_t need = mni_pool_need(&file.header, k) + mni_board_need(k, 64, 0);
     ck_assert_int_eq(mni_arena_open(&arena, need, NULL), MN_OK);
     mni_board_open(&board, k, 64, 0, &arena);
@@ -98,6 +98,10 @@ static void open_pool_of(uint32_t k) {
     finish(&command, &load);
     ck_assert_int_eq(enter(0), MNI_GRANTED);
     next_frame();
+}
+
+static void open_pool_of(uint32_t k) {
+    open_pool_as(MN_BLOCKING_LEVELS, 15, MN_PREFETCH_NEIGHBOURS, k);
 }
 
 static void open_pool(void) {
@@ -258,6 +262,64 @@ START_TEST(what_is_granted_keeps_its_room) {
 }
 END_TEST
 
+/* In a full pool as many blocks of refused chains are fetched as places are left for what is to
+ * come, wherever there is a place, and each once. */
+START_TEST(what_is_refused_is_sought) {
+    enum { BLOCKS = 127, TO_COME = 2 };
+    open_pool_as(MN_BLOCKING_PACKED, BLOCKS, MN_PREFETCH_AHEAD, 16 * TO_COME + 20);
+    const uint32_t k = pool.holders.k;
+    ck_assert_uint_eq(k - mni_store_k_to_use(&file.header, k, MN_PREFETCH_AHEAD), TO_COME);
+    in_use = k - TO_COME;
+    mni_refusal refusal[3];
+    for (uint32_t i = 0; i < 3; i++) {
+        ck_assert_int_eq(enter(1 + i), MNI_REFUSED);
+        mni_pool_attempt_over(&pool);
+        refusal[i] = pool.refusal;
+        ck_assert_uint_eq(refusal[i].block_id, ref_of(1 + i).id);
+        ck_assert(mni_pool_seek(&pool, refusal[i].block_id) == (i < TO_COME));
+        ck_assert(mni_pool_seek(&pool, refusal[0].block_id) == (i < TO_COME - 1));
+    }
+    next_frame();
+    for (uint32_t i = 0; i < TO_COME; i++) {
+        mni_load load;
+        mni_command command = fetch(1 + i);
+        ck_assert_int_eq(command.kind, MNI_COMMAND_PREFETCH);
+        ck_assert_int_eq(command.places, MNI_PLACES_ANY);
+        step(&command, MNI_BEGIN_READ, &load);
+        finish(&command, &load);
+    }
+    ck_assert(mni_pool_has(&pool, refusal[0].block_id));
+    ck_assert(!mni_pool_has(&pool, refusal[2].block_id));
+    in_use = 3;
+    ck_assert_int_eq(enter(1), MNI_GRANTED); /* as soon as there is room, without a miss */
+    mni_pool_leave(&pool, ref_of(1).id, true);
+    close_pool();
+}
+END_TEST
+
+/* While only what is there has its turn, what is absent is fetched and takes no room; then it is
+ * granted as ever. */
+START_TEST(what_is_absent_comes_after) {
+    open_pool_as(MN_BLOCKING_PACKED, 127, MN_PREFETCH_AHEAD, 60);
+    ck_assert(mni_pool_there_only(&pool, true));
+    ck_assert_int_eq(enter(1), MNI_ABSENT);
+    ck_assert_uint_eq(pool.grants.idle, 0);
+    ck_assert(mni_pool_comes(&pool, ref_of(1).id));
+    ck_assert(mni_pool_there_only(&pool, false));
+    ck_assert(!mni_pool_comes(&pool, ref_of(1).id));
+    ck_assert_int_eq(enter(2), MNI_ABSENT);
+    ck_assert_uint_eq(pool.grants.idle, 1);
+    next_frame();
+    mni_command command = fetch(2);
+    ck_assert_int_eq(command.kind, MNI_COMMAND_URGENT_DOWN);
+    end(command.kind, MNI_END_GIVEN_UP);
+    command = fetch(1);
+    ck_assert_int_eq(command.kind, MNI_COMMAND_PREFETCH);
+    end(command.kind, MNI_END_GIVEN_UP);
+    close_pool();
+}
+END_TEST
+
 /* levels: a switch down counts reads under way as if they had filled their places; it waits, and is
  * not refused, since they will end. */
 START_TEST(reads_count_as_taken) {
@@ -296,6 +358,8 @@ int main(void) {
     tcase_add_test(tests, reads_count_as_taken);
     tcase_add_test(tests, a_block_that_comes_is_forgiven);
     tcase_add_test(tests, what_is_granted_keeps_its_room);
+    tcase_add_test(tests, what_is_refused_is_sought);
+    tcase_add_test(tests, what_is_absent_comes_after);
     suite_add_tcase(suite, tests);
     return suite_run(suite);
 }

@@ -1,10 +1,11 @@
-/* Goal: the tables behind the store: map, ancestor table, failures.
+/* Goal: the tables behind the store: map, ancestor table, failures, blocks that are sought.
  * Method: random operations against plain arrays, at full load; limits by hand. */
 #include <check.h>
 #include <stdlib.h>
 
 #include "ancestors.h"
 #include "failures.h"
+#include "sought.h"
 #include "suite.h"
 #include "walk.h"
 
@@ -32,6 +33,33 @@ START_TEST(map_against_array) {
     }
     for (uint32_t key = 0; key <= KEYS; key++)
         ck_assert_uint_eq(mni_hashmap_find(&map, key), value[key]);
+    mni_arena_close(&arena);
+}
+END_TEST
+
+/* What is known of a block is what was put last, or nothing. */
+START_TEST(sought_forgets_and_does_not_invent) {
+    enum { K = 40, KEYS = 500 };
+    uint64_t seed = seed_of_test(2);
+    mni_arena arena;
+    mni_sought sought;
+    uint32_t parent[KEYS + 1] = {0}, known = 0;
+    ck_assert_int_eq(mni_arena_open(&arena, mni_sought_need(K), NULL), MN_OK);
+    mni_sought_open(&sought, K, &arena);
+    for (uint64_t step = 0; step < 20000; step++) {
+        const uint32_t id = 1 + (uint32_t)(mix(seed, step) % KEYS);
+        parent[id] = (uint32_t)step + 1;
+        mni_sought_put(&sought, (mn_block_ref){.id = id, .pages = id % 3 + 1}, parent[id]);
+        const uint32_t look = 1 + (uint32_t)(mix(seed, ~step) % KEYS);
+        const mni_seek *found = mni_sought_find(&sought, look);
+        ck_assert_ptr_nonnull(mni_sought_find(&sought, id));
+        if (found == NULL)
+            continue;
+        known++;
+        ck_assert(found->ref.id == look && found->ref.pages == look % 3 + 1);
+        ck_assert_uint_eq(found->parent_id, parent[look]);
+    }
+    ck_assert_uint_gt(known, 20000 * MNI_SOUGHT_TIMES * K / KEYS / 2);
     mni_arena_close(&arena);
 }
 END_TEST
@@ -98,6 +126,7 @@ int main(void) {
     Suite *suite = suite_create("tables");
     TCase *tests = tcase_create("tables");
     tcase_add_test(tests, map_against_array);
+    tcase_add_test(tests, sought_forgets_and_does_not_invent);
     tcase_add_test(tests, branches_of_ancestors);
     tcase_add_test(tests, failures_wait_longer_and_longer);
     suite_add_tcase(suite, tests);

@@ -446,6 +446,25 @@ static void collapse_pass(walker *w) {
     }
 }
 
+/* Where places are scarce: what is there comes into use first, and what is not is sought. */
+static void there_first(walker *w) {
+    if (!w->foresees || !w->moved || w->camera % 2 == 0 || !mni_store_there_only(w->store, true))
+        return;
+    for (uint32_t s = 0; s < w->file->subtrees; s++) {
+        const uint32_t parent = w->file->subtree[s].parent;
+        if (w->state[s] != 0 || w->want[s] == 0 || w->state[parent] != 2)
+            continue;
+        if (split_chain(w, s, mix(w->camera + 1, s)) == MNI_REFUSED) {
+            const mni_refusal refusal = mni_store_refusal(w->store);
+            if (!mni_store_has(w->store, &refusal))
+                (void)mni_store_seek(w->store, &refusal);
+        }
+        if (w->check_each_step)
+            walker_check(w);
+    }
+    (void)mni_store_there_only(w->store, false);
+}
+
 static void split_pass(walker *w) {
     uint64_t epoch = mni_store_epoch(w->store) + 1;
     for (uint32_t s = 0; s < w->file->subtrees; s++) {
@@ -516,6 +535,7 @@ void walker_frame(walker *w, uint64_t camera, double frame_s) {
     mni_store_frame_begin(w->store);
     look(w, camera);
     collapse_pass(w);
+    there_first(w);
     split_pass(w);
     if (w->foresees && w->moved)
         foresee(w);

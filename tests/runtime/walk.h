@@ -70,7 +70,7 @@ typedef struct walker {
     bool moved;                        /* in the last frame */
     uint32_t misses, changes, refused; /* of the last frame */
     bool check_each_step, check_each_frame;
-    bool foresees;    /* looks, foresight and early switches: MN_PREFETCH_AHEAD */
+    bool foresees;    /* looks, foresight, early switches, and seeking: MN_PREFETCH_AHEAD */
     mn_status status; /* of the opening */
 } walker;
 

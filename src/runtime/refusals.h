@@ -1,0 +1,28 @@
+/* Chains that found no room in the pool: when they are tried again, and who goes before them. See
+ * refusals.c. */
+#ifndef MNI_REFUSALS_H
+#define MNI_REFUSALS_H
+
+#include "navigate.h"
+
+/* In a key of a split by error: its turn comes after all others'. Floats above 0 lack that bit. */
+#define MNI_PUT_OFF 0x80000000u
+
+/* A pass of splits begins, and ends. The agenda is empty. */
+void mni_refusals_begin(mni_navigator *nav);
+void mni_refusals_end(mni_navigator *nav);
+/* Would the chain of a slot be refused as it was before? */
+bool mni_refusals_stands(const mni_navigator *nav, uint32_t slot);
+/* Only what is there has its turn, and what the chain of a slot was refused for is not. */
+bool mni_refusals_lacks(const mni_navigator *nav, uint32_t slot);
+/* Remembers what the chain of a slot has just been refused for. */
+void mni_refusals_put(mni_navigator *nav, uint32_t slot);
+/* What the chain of a slot was refused for is sought, where places are scarce. */
+void mni_refusals_seek(mni_navigator *nav, uint32_t slot);
+/* An item of the agenda that has been popped: does it have to wait? Then it is on the agenda again.
+ */
+bool mni_refusals_wait(mni_navigator *nav, mni_agenda_item item);
+/* The chain of an item is a miss while only what is there has its turn. */
+void mni_refusals_put_off(mni_navigator *nav, mni_agenda_item item);
+
+#endif
