@@ -82,6 +82,10 @@ static mn_code name_paths(tune *t, mn_status *st) {
         tune_path *p = &t->o.path[i];
         uint64_t hash = 0, bytes = 0;
         const int known = cli_choice(p->name, standard);
+        if (known < 0 && access(p->name, F_OK) != 0)
+            return mn_fail(st, MN_USAGE,
+                           "--path %s: neither orbit, dive nor flyover, and no file: %s", p->name,
+                           strerror(errno));
         if (known < 0 && hash_file(p->name, &hash, &bytes, st) != MN_OK)
             return MN_BAD_INPUT;
         if (known >= 0)

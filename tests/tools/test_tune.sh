@@ -185,7 +185,8 @@ usage() {
     expect 3 "a fifo" tune "$scratch/fifo" -o "$scratch/u"
     expect 3 "a fifo as path" tune "$scratch/s.ply" -o "$scratch/u" --path "$scratch/fifo"
     expect 3 "no such mesh" tune "$scratch/nope.ply" -o "$scratch/u"
-    expect 3 "no such path" tune "$scratch/s.ply" -o "$scratch/u" --path "$scratch/nope"
+    expect 2 "no such path" tune "$scratch/s.ply" -o "$scratch/u" --path "$scratch/nope" # as of replay
+    one_line "no such path" 'neither orbit, dive nor flyover'
     check "usage: nothing was made" test ! -e "$scratch/u"
     rm -rf "$scratch/u"
     expect 3 "no mesh at all" tune "$0" -o "$scratch/u"
