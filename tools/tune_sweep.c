@@ -191,7 +191,7 @@ static void take_figures(tune_cell *c, const child_end *end, double busy) {
         c->figure[i] = NAN;
     const double others = (busy - end->cpu_seconds) / (end->seconds * (double)host_cpus(""));
     c->figure[TUNE_SECONDS] = end->seconds;
-    c->figure[TUNE_OTHERS] = fmax(0, others);
+    c->figure[TUNE_OTHERS] = fmin(1, fmax(0, others)); /* the kernel's clock goes in steps */
     c->state = c->code == 0 ? TUNE_MEASURED : TUNE_REFUSED;
 }
 

@@ -60,6 +60,13 @@ others() {
     check "not ours: nothing is lost" test -e "$scratch/full/packed-4K.mnt"
 }
 
+# What others had is a share, however short a cell is.
+share() {
+    tune 0 short --frames 2 --fresh
+    check "share: from 0 to 1" test "$(tail -n +2 "$results" | sed 's/.*,//' | awk '$1 > 1 || $1 < 0' | wc -l)" -eq 0
+    tune 0 share --fresh
+}
+
 # A cell that K is too small for, a path of a file, a tree that is there already, a constraint.
 kinds() {
     local csv=$scratch/k/results.csv
@@ -198,6 +205,7 @@ part whole
 part more
 part torn
 part others
+part share
 part kinds
 part busy
 part page
