@@ -43,7 +43,10 @@ static int run(int argc, char **argv) {
         usage(stderr);
         return MN_USAGE;
     }
-    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0) {
+    const bool help = strcmp(argv[1], "help") == 0;
+    if (help && argc > 2)
+        return run(3, (char *[]){argv[0], argv[2], "--help", NULL});
+    if (help || strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0) {
         usage(stdout);
         return MN_OK;
     }

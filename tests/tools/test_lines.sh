@@ -101,6 +101,11 @@ for command in build simplify block info verify extract make compare replay view
     LC_ALL=C.UTF-8 awk -v name="$command" 'length($0) > 100 { print "FAILED: " name ": " $0; wide = 1 }
         END { exit wide }' out.txt || failures=$((failures + 1))
 done
+expect 0 help
+grep -q '^usage: metanode COMMAND' out.txt || fail "help: $(cat out.txt)"
+expect 0 help build
+grep -q '^usage: metanode build' out.txt || fail "help build: $(cat out.txt)"
+expect 2 help frobnicate
 for count in 2000 2k 2K; do
     expect 0 extract a.mnt --triangles $count -o x.ply
     grep -q ' 2000 triangles$' out.txt || fail "--triangles $count: $(cat out.txt)"
