@@ -4,7 +4,18 @@
 #include <string.h>
 
 #include "mn_assert.h"
+#include "clock.h"
 #include "trace.h"
+
+/* I/O's naps while the camera moves, in shares of a frame. Frames below FRAME_NS_MIN are those of a
+ * run that is not paced: what they post is not to wait, and I/O hardly sleeps. */
+enum {
+    LATE_SHARE = 16, /* after the next frame is expected to have ended; … */
+    NAP_SHARE = 8,   /* … if it has not, so long again, … */
+    NAPS_FRAMES = 4, /* … until so many frames are missing */
+    FRAME_NS_MIN = 2 * 1000 * 1000,
+    FRAME_NS_MAX = 50 * 1000 * 1000,
+};
 
 size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max, uint32_t look_bytes) {
     return mni_arena_need(urgent_max, sizeof(mni_command), _Alignof(mni_command)) +
@@ -26,7 +37,11 @@ void mni_board_open(mni_board *board, uint32_t urgent_max, uint32_t prefetch_max
     ring_open(&board->prefetch, prefetch_max, arena);
     mni_lock_open(&board->lock);
     board->lock.name = MN_TRACE_LOCK_BOARD;
-    MN_ASSERT(pthread_cond_init(&board->work, NULL) == 0);
+    pthread_condattr_t monotonic;
+    MN_ASSERT(pthread_condattr_init(&monotonic) == 0);
+    MN_ASSERT(pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC) == 0);
+    MN_ASSERT(pthread_cond_init(&board->work, &monotonic) == 0);
+    pthread_condattr_destroy(&monotonic);
     MN_ASSERT(pthread_cond_init(&board->quiet, NULL) == 0);
 }
 
@@ -108,9 +123,21 @@ static void take_back(mni_board *board, mni_batch *batch) {
     }
 }
 
+/* A frame has ended. One that was late is not expected to be so again. */
+static void keep_pace(mni_board *board) {
+    const uint64_t now_ns = mni_clock_ns(CLOCK_MONOTONIC);
+    const uint64_t between_ns = now_ns - board->posted_ns;
+    board->frame_ns = between_ns < board->between_ns ? between_ns : board->between_ns;
+    board->between_ns = between_ns;
+    board->posted_ns = now_ns;
+    board->moves = board->looks != board->posted_looks;
+    board->posted_looks = board->looks;
+}
+
 uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
     uint32_t rejected = 0, urgent = 0;
     mni_lock_take(&board->lock);
+    keep_pace(board);
     while (urgent < batch->count && mni_command_is_urgent(batch->command[urgent].kind))
         urgent++;
     for (uint32_t i = urgent; i < batch->count; i++)
@@ -139,7 +166,7 @@ uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
             batch->command[rejected++] = *command;
     }
     MNI_TRACE_COUNT(MN_TRACE_N_COMMANDS, board->open);
-    if (batch->count > rejected)
+    if (batch->count > rejected && !board->naps)
         pthread_cond_signal(&board->work);
     mni_lock_give(&board->lock);
     return rejected;
@@ -217,10 +244,34 @@ static void wait_for(mni_board *board, pthread_cond_t *what) {
     pthread_cond_wait(what, &board->lock.mutex);
 }
 
+/* Until when I/O naps; 0: it sleeps until it is woken. */
+static uint64_t nap_until_ns(const mni_board *board) {
+    const uint64_t now_ns = mni_clock_ns(CLOCK_MONOTONIC), frame_ns = board->frame_ns;
+    const uint64_t next_ns = board->posted_ns + frame_ns + frame_ns / LATE_SHARE;
+    if (!board->moves || frame_ns < FRAME_NS_MIN || frame_ns > FRAME_NS_MAX ||
+        now_ns - board->posted_ns > NAPS_FRAMES * frame_ns)
+        return 0;
+    return next_ns > now_ns ? next_ns : now_ns + frame_ns / NAP_SHARE;
+}
+
+static void nap(mni_board *board, uint64_t until_ns) {
+    const struct timespec until = {.tv_sec = (time_t)(until_ns / 1000000000),
+                                   .tv_nsec = (long)(until_ns % 1000000000)};
+    board->lock.since_ns = 0;
+    board->naps = true;
+    pthread_cond_timedwait(&board->work, &board->lock.mutex, &until);
+    board->naps = false;
+}
+
 bool mni_board_wait_work(mni_board *board) {
     mni_lock_take(&board->lock);
-    while (!has_work(board) && !board->stop)
-        wait_for(board, &board->work);
+    while (!has_work(board) && !board->stop) {
+        const uint64_t until_ns = nap_until_ns(board);
+        if (until_ns > 0)
+            nap(board, until_ns);
+        else
+            wait_for(board, &board->work);
+    }
     bool go_on = !board->stop;
     mni_lock_give(&board->lock);
     return go_on;
@@ -228,6 +279,8 @@ bool mni_board_wait_work(mni_board *board) {
 
 void mni_board_wait_quiet(mni_board *board) {
     mni_lock_take(&board->lock);
+    if (board->naps)
+        pthread_cond_signal(&board->work);
     while (board->open > 0)
         wait_for(board, &board->quiet);
     mni_lock_give(&board->lock);

@@ -116,6 +116,13 @@ typedef struct mni_board {
     unsigned char *look; /* look_bytes; what the camera sees, for whoever can read it */
     uint32_t look_bytes;
     uint64_t looks; /* posted so far */
+    /* what I/O sleeps by */
+    uint64_t posted_ns;    /* when a batch was last posted … */
+    uint64_t between_ns;   /* … how long after the one before … */
+    uint64_t frame_ns;     /* … the shorter one of that and the time before … */
+    uint64_t posted_looks; /* … looks, then … */
+    bool moves;            /* … and whether there was a new one */
+    bool naps;             /* I/O will see by itself what is posted */
 } mni_board;
 
 size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max, uint32_t look_bytes);
@@ -134,12 +141,14 @@ uint32_t mni_board_fetch(mni_board *board, mni_command *out, uint32_t max);
  * seems quiet. Sets *news to zero. */
 void mni_board_tell(mni_board *board, mni_board_news *news);
 
-/* What the camera sees now; look_bytes, copied. get: false, and *out as it was, when nothing new
- * has been posted since *looks, which it sets. */
+/* What the camera sees now, when it is something else; look_bytes, copied. get: false, and *out as
+ * it was, when nothing new has been posted since *looks, which it sets. */
 void mni_board_look(mni_board *board, const void *look);
 bool mni_board_look_get(mni_board *board, void *out, uint64_t *looks);
 
-/* I/O: sleeps until there is something to fetch; false: told to stop. */
+/* I/O: sleeps until there is something to fetch; false: told to stop. While the camera moves it
+ * wakes by itself, a little after the next frame is expected to have ended: to wake it may cost
+ * Navigate as much as all else in a frame. */
 bool mni_board_wait_work(mni_board *board);
 /* Navigate: sleeps until every command has ended. */
 void mni_board_wait_quiet(mni_board *board);

@@ -4,6 +4,7 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "board.h"
 #include "suite.h"
@@ -193,10 +194,47 @@ START_TEST(two_threads) {
 }
 END_TEST
 
+/* Frames of a moving camera that come one like the other: I/O sees by itself what they post, and
+ * what comes after the last of them wakes it. */
+START_TEST(sees_what_frames_post) {
+    enum { FRAMES = 12, FRAME_NS = 4000000 };
+    const struct timespec frame = {.tv_nsec = FRAME_NS};
+    const char look[LOOK_BYTES] = "moves";
+    open_board(4, 4);
+    uint32_t served = 0;
+    pthread_t thread;
+    ck_assert_int_eq(pthread_create(&thread, NULL, serve, &served), 0);
+    for (uint32_t i = 0; i < FRAMES; i++) {
+        mni_board_look(&board, look);
+        ck_assert(post(command(MNI_COMMAND_URGENT_UP, 1 + i)));
+        nanosleep(&frame, NULL);
+        while (mni_board_open_commands(&board) > 0) /* nobody wakes it */
+            nanosleep(&frame, NULL);
+    }
+    for (uint32_t i = 0; i < 2; i++) { /* it naps, then sleeps */
+        mni_batch nothing = {0};
+        ck_assert_uint_eq(mni_board_post(&board, &nothing), 0);
+        ck_assert(post(command(MNI_COMMAND_URGENT_UP, 100 + i)));
+        mni_board_wait_quiet(&board);
+        for (uint32_t frames = 0; frames < 20; frames++)
+            nanosleep(&frame, NULL);
+    }
+    mni_board_look(&board, look);
+    ck_assert(post(command(MNI_COMMAND_URGENT_UP, 200)));
+    mni_board_stop(&board); /* asleep or not, and with something to do */
+    pthread_join(thread, NULL);
+    for (mni_command c; fetch(&c); served++)
+        end(c.kind, MNI_END_GIVEN_UP);
+    ck_assert_uint_eq(served, FRAMES + 3);
+    close_board();
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("board");
     TCase *tests = tcase_create("board");
     tcase_set_timeout(tests, 60);
+    tcase_add_test(tests, sees_what_frames_post);
     tcase_add_test(tests, urgent_first_and_in_order);
     tcase_add_test(tests, a_full_board_says_so);
     tcase_add_test(tests, nearest_first_and_cancelled);
