@@ -10,7 +10,9 @@
  *                   within half a doubling, there by place), each with the chain of neighbours that
  *                   must split before it. A chain is found by splitting, and undone in reverse when
  *                   it cannot be carried out whole. Children that are wanted join the agenda.
- *   early splits    what the camera, extrapolated, will want three frames on, while there is room
+ *   early splits    what the camera, extrapolated, will want three frames on, while there is room,
+ *                   and until the frame has done more than frames usually do
+ *   foresight       blocks that it will want later, likewise
  *   level           when the wanted mesh did not fit, the tolerance rises a step for the next
  *                   frame, and falls a step when there is room. While the camera stands, a level
  *                   that did not fit is not tried again, so it ends.
@@ -25,6 +27,7 @@
 
 #include "mn_assert.h"
 #include "refusals.h"
+#include "split_key.h"
 
 enum {
     SMALL_TRIANGLES = 2000,
@@ -33,24 +36,30 @@ enum {
 };
 /* Of forks on the agenda, in place of an order id. WAITS: it is on its blocker's list already. */
 enum { UNTESTED = 0, FREE, WAITS };
-/* A key of a split that goes by place: which of 32 ranks its error is in, then its place. Floats
- * half a doubling apart, 1 and 1.5 and 2, differ by 2^22 as numbers. */
-enum { RANKS = 32, PLACES = 1 << 27, HALF_DOUBLING_BITS = 22 };
 #define NOBODY UINT16_MAX /* has pushed the first of a stack */
 
 #define CLOCK_MAX                                                                                  \
     1000 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet               \
           */
 #define EARLY_FILL 0.98 /* of the scarcest room, up to which there are early splits */
-#define LOOK (-1.0f)    /* due now: the clock of motion begins at 0 */
-#define NEVER INFINITY  /* nobody is in the slot: who comes sets it */
+/* For later frames one does something if it has not done more for itself than EFFORT_START of what
+ * frames do on average, and a few operations; early splits until all is EFFORT_MAX of that. Of a
+ * dive over 5 M triangles 0.05 % is missed so, as without limits; with 1.5 for the latter 0.2 %. */
+#define EFFORT_START 1.5
+#define EFFORT_MAX 2.5
+enum { EFFORT_LEAST = 16, EFFORT_FRAMES = 8 };
+#define LOOK (-1.0f)   /* due now: the clock of motion begins at 0 */
+#define NEVER INFINITY /* nobody is in the slot: who comes sets it */
 
-/* ---- collapses
- * ---------------------------------------------------------------------------------
- */
+/* ---- collapses ------------------------------------------------------------------------------ */
 
 static uint64_t ops(const mni_navigator *nav) {
     return nav->work.splits + nav->work.collapses;
+}
+
+/* What the frame has cost so far: a split that is undone is two operations. */
+static double effort(const mni_navigator *nav) {
+    return (double)(ops(nav) + 2 * nav->work.undone);
 }
 
 /* After every operation on models under 2,000 triangles, where slow checks are built in. */
@@ -251,6 +260,7 @@ static void collapse_pass(mni_navigator *nav) {
  */
 
 static void chain_undo(mni_navigator *nav, uint32_t count) {
+    nav->work.undone += count;
     while (count > 0)
         mni_front_unsplit(&nav->front, nav->chain[--count]);
     check_small(nav);
@@ -312,6 +322,13 @@ static void chain_learn(mni_navigator *nav, uint32_t count) {
         mni_lacking_put_sound(&nav->lacking, nav->front.branch[nav->chain[i]].order);
 }
 
+/* Has a chain that will be undone asked for enough? Before its time it is not to cost much. */
+static bool has_asked(const mni_navigator *nav, uint32_t missed, uint32_t first_missed,
+                      uint32_t count) {
+    return missed >= MNI_MISSED_MAX || count - first_missed == MNI_SURVEY_MAX ||
+           (nav->early_splits && effort(nav) + 2 * count >= nav->effort_max);
+}
+
 /* Splits slot and, before it, what must be split before it; whole, or not at all. *count: splits in
  * nav->chain. No recursion: order ids rise along the stack, so that it ends. When a block is absent
  * it goes on with what does not depend on that, so that all blocks that are absent are asked for at
@@ -349,8 +366,7 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
             for (uint32_t i = 0; i < pushed; i++)
                 nav->pusher[top + i] = (uint16_t)(top - 1);
             top += pushed;
-        } else if (missed > 0 &&
-                   (missed >= MNI_MISSED_MAX || *count - first_missed == MNI_SURVEY_MAX)) {
+        } else if (missed > 0 && has_asked(nav, missed, first_missed, *count)) {
             outcome = MNI_MISS;
         } else if (lack != NULL) {
             top--;
@@ -389,34 +405,19 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
 /* ---- splits ------------------------------------------------------------------------------------
  */
 
-/* Larger errors first: positive floats compare as their bits do. */
-static uint32_t split_key(double priority_px) {
-    float value = priority_px < 1e30 ? (float)priority_px : 1e30f;
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    return MNI_PUT_OFF - 1 - bits;
+/* See split_key.h. In a crowd by place as well, so that neighbours, and nodes of one block, have
+ * their turn one after the other. */
+static uint32_t split_key(const mni_navigator *nav, double priority_px, uint32_t slot) {
+    if (!nav->by_place)
+        return mni_split_key(priority_px);
+    return mni_split_key_by_place(priority_px, nav->lens.tolerance_px,
+                                  nav->front.node[slot].leaf_lo >> nav->place_shift);
 }
 
-/* By half doublings of the error over the tolerance, falling, and within one of them by place: so
- * neighbours, and nodes of one block, have their turn one after the other. */
-static uint32_t place_key(const mni_navigator *nav, uint32_t key, uint32_t slot) {
-    const uint32_t least = split_key(fmax(nav->lens.tolerance_px, 0));
-    const uint32_t halves = key < least ? (least - key) >> HALF_DOUBLING_BITS : 0;
-    const uint32_t rank = RANKS - 1 - (halves < RANKS - 1 ? halves : RANKS - 1);
-    return rank * PLACES + (nav->front.node[slot].leaf_lo >> nav->place_shift);
-}
-
-/* The error of a key, or somewhat above: no error that is larger has a later key. */
+/* The error of a key, or somewhat above. */
 static double key_px(const mni_navigator *nav, uint32_t key) {
-    const uint32_t rank = key / PLACES;
-    if (nav->by_place && rank == 0)
-        return INFINITY;
-    if (nav->by_place)
-        key = split_key(fmax(nav->lens.tolerance_px, 0)) - ((RANKS - rank) << HALF_DOUBLING_BITS);
-    uint32_t bits = MNI_PUT_OFF - 1 - key;
-    float value;
-    memcpy(&value, &bits, sizeof value);
-    return nextafterf(value, INFINITY);
+    return nav->by_place ? mni_split_key_by_place_px(key, nav->lens.tolerance_px)
+                         : mni_split_key_px(key);
 }
 
 static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *item) {
@@ -428,10 +429,7 @@ static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *ite
     const mni_sieve *sieve = nav->early_splits ? &nav->ahead.soon.sieve : &nav->sieve;
     if (!mni_sieve_wants(sieve, lens, &bounds, &priority_px))
         return false;
-    uint32_t key = split_key(priority_px);
-    if (nav->by_place)
-        key = place_key(nav, key, slot);
-    *item = (mni_agenda_item){nav->front.node[slot].order, key, slot};
+    *item = (mni_agenda_item){nav->front.node[slot].order, split_key(nav, priority_px, slot), slot};
     return true;
 }
 
@@ -666,7 +664,8 @@ static void judge_early(mni_navigator *nav, const uint32_t *slot, int count) {
 }
 
 /* Whoever is not wanted until the clock has passed where it will be then needs no look. Every other
- * batch has its turn, so each has one before it is wanted, and the search costs half. */
+ * batch has its turn, so each has one before it is wanted, and the search costs half; and all of
+ * them when the last ones were not seen through. */
 static void early_agenda(mni_navigator *nav) {
     const mni_front *f = &nav->front;
     const float clock = (float)((double)nav->clock + nav->ahead.soon_motion);
@@ -674,9 +673,10 @@ static void early_agenda(mni_navigator *nav) {
     float margin[MNI_SIEVE_BATCH];
     int count = 0;
     mni_agenda_clear(&nav->agenda);
+    const uint32_t turns = nav->early_left ? 1 : 2;
     nav->early_odd ^= true;
-    for (uint32_t first = nav->early_odd ? MNI_SIEVE_BATCH : 0; first < f->slots_high;
-         first += 2 * MNI_SIEVE_BATCH) {
+    for (uint32_t first = nav->early_odd && turns == 2 ? MNI_SIEVE_BATCH : 0; first < f->slots_high;
+         first += turns * MNI_SIEVE_BATCH) {
         uint64_t late = mni_sieve_late(&nav->slot_due[first], clock);
         if (late == 0)
             continue;
@@ -711,7 +711,8 @@ static double fill(const mni_navigator *nav) {
 }
 
 /* What the camera will want in a moment is split as far as there are blocks and room, and stays: so
- * what is absent is known before it is missed, whatever forces it, and nothing is done twice. */
+ * what is absent is known before it is missed, whatever forces it, and nothing is done twice. There
+ * is time for it: what would make this frame one of the longest is left to the next one. */
 static void early_pass(mni_navigator *nav) {
     mni_front *front = &nav->front;
     mni_agenda_item item;
@@ -719,10 +720,11 @@ static void early_pass(mni_navigator *nav) {
     nav->early_splits = true;
     early_agenda(nav);
     mni_store_early(front->store, MNI_AHEAD_SOON);
-    while (fill(nav) < EARLY_FILL) {
+    for (;;) {
         if (nav->agenda.next >= fetched)
             fetched = fetch_ahead(nav);
-        if (!mni_agenda_pop(&nav->agenda, &item))
+        nav->early_left = mni_agenda_pop(&nav->agenda, &item);
+        if (!nav->early_left || effort(nav) >= nav->effort_max || fill(nav) >= EARLY_FILL)
             break;
         const uint32_t triangles = front->triangles;
         if (!item_stands(front, item))
@@ -739,6 +741,23 @@ static void early_pass(mni_navigator *nav) {
     mni_store_early(front->store, 0);
     nav->early_splits = false;
     nav->version = front->version;
+}
+
+/* For later frames: early splits, then foresight. Who has no room for those needs this the more. */
+static void look_forward(mni_navigator *nav) {
+    const double start = EFFORT_START * nav->usual + EFFORT_LEAST;
+    nav->effort_max = EFFORT_MAX * nav->usual + EFFORT_LEAST;
+    if (nav->early && effort(nav) < start) {
+        MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_EARLY_SPLITS, 0, 0);
+        early_pass(nav);
+    } else {
+        nav->early_left = true;
+    }
+    if (effort(nav) < nav->effort_max / (nav->early ? 2 : 1)) {
+        MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
+        mni_ahead_scan(&nav->ahead, &nav->front);
+    }
+    nav->usual += (effort(nav) - nav->usual) / EFFORT_FRAMES;
 }
 
 /* ---- degrading ---------------------------------------------------------------------------------
@@ -778,6 +797,7 @@ static void clock_advance(mni_navigator *nav, double motion) {
 }
 
 void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tolerance_px) {
+    const bool moved_before = nav->ahead.look.moves;
     nav->moved = memcmp(&nav->camera, camera, sizeof *camera) != 0 ||
                  memcmp(&nav->tolerance_px, &tolerance_px, sizeof tolerance_px) != 0;
     nav->camera = *camera;
@@ -792,7 +812,8 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     if (nav->looks_ahead) {
         mni_ahead_begin(&nav->ahead, camera, &nav->lens, nav->width_px, nav->height_px, nav->size,
                         &nav->weights, nav->coordinate_max);
-        mni_store_look(nav->front.store, &nav->ahead.look);
+        if (nav->moved || !same || moved_before)
+            mni_store_look(nav->front.store, &nav->ahead.look);
     }
     /* with a budget, or where there was no room, it is the error that decides, to the last bit */
     nav->by_place = nav->ops_max == 0 && nav->triangles_max == 0 && nav->work.refused_px == 0 &&
@@ -808,13 +829,8 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     collapse_pass(nav);
     MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_SPLITS, 0, 0);
     split_pass(nav);
-    if (nav->looks_ahead) {
-        MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
-        mni_ahead_scan(&nav->ahead, &nav->front);
-        MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_EARLY_SPLITS, 0, 0);
-        if (nav->early)
-            early_pass(nav);
-    }
+    if (nav->looks_ahead)
+        look_forward(nav);
     nav->moved = moved;
 }
 
@@ -857,7 +873,7 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     mni_lacking_open(&nav->lacking, nodes_max, arena);
     nav->refusal = mni_arena_take(arena, nodes_max, sizeof *nav->refusal, 64);
     mni_waiting_open(&nav->waiting, &nav->front);
-    while ((header->leaves >> nav->place_shift) >= PLACES)
+    while ((header->leaves >> nav->place_shift) >= MNI_SPLIT_PLACES)
         nav->place_shift++;
     nav->fork_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     nav->slot_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);

@@ -23,6 +23,7 @@ enum {
 /* What a frame did and could not do (terms in design.md §1). */
 typedef struct mni_work {
     uint64_t splits, collapses, misses;
+    uint64_t undone; /* splits of chains that could not be carried out, besides */
     uint64_t triangles_made, triangles_removed;
     uint64_t refused_front, refused_budget, refused_pool, waits_dependency;
     double refused_px;     /* the largest error whose split found no room: front or pool; or 0 */
@@ -59,7 +60,10 @@ typedef struct mni_navigator {
     mni_sieve sieve;   /* the lens, in single precision */
     bool early;        /* there is room for what the camera will want in a moment … */
     bool early_splits; /* … which has its turn now … */
-    bool early_odd;    /* … those in odd batches of slots, or in even ones */
+    bool early_odd;    /* … those in odd batches of slots, or in even ones … */
+    bool early_left;   /* … or all, as some were left */
+    double usual;      /* effort of a frame: the mean of the last ones */
+    double effort_max; /* of this one, with what it does for later ones */
     mni_ahead ahead;
     float clock; /* motion of the camera up to now, and at times from 0 again */
     mn_camera camera;

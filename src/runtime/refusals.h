@@ -4,9 +4,10 @@
 #define MNI_REFUSALS_H
 
 #include "navigate.h"
+#include "split_key.h"
 
 /* In a key of a split by error: its turn comes after all others'. Floats above 0 lack that bit. */
-#define MNI_PUT_OFF 0x80000000u
+#define MNI_PUT_OFF MNI_SPLIT_KEYS
 
 /* A pass of splits begins, and ends. The agenda is empty. */
 void mni_refusals_begin(mni_navigator *nav);
