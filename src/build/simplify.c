@@ -49,6 +49,7 @@ static const double POLL_S = 0.05;
 enum {
     PROGRESS_EVERY = 1 << 14,
     POLL_EVERY = 16,
+    NEXT_FAN_MIN = 48,      /* simplices at a vertex: candidates are looked for many at a time */
     MEASURED_FAN_MAX = 128, /* simplices at a vertex: of poles nothing is measured in advance */
 #ifdef MN_SLOW_CHECKS
     ORDER_SAMPLE = 1,
@@ -74,11 +75,15 @@ typedef struct choice {
     mni_heap_key from, least, best;
 } choice;
 
+static inline bool is_idle(const choice *c, uint32_t k, mni_heap_key key) {
+    return c->part != NULL && mni_wait_is_idle(c->part, c->r, k, key);
+}
+
 static inline void consider(const mni_simplifier *s, choice *c, uint32_t k) {
     mni_heap_key key = key_of(s, c->r, k);
     c->least = key < c->least ? key : c->least;
     key = key < c->from ? MNI_HEAP_KEY_NONE : key;
-    if (key < c->best && (c->part == NULL || !mni_wait_is_idle(c->part, c->r, k, key)))
+    if (key < c->best && !is_idle(c, k, key))
         c->best = key;
 }
 
@@ -116,13 +121,74 @@ static mni_heap_key best_candidate(mni_simplifier *s, uint32_t r, mni_heap_key f
     return c.best;
 }
 
-/* The same, of those that are to be offered. */
-static choice choose_offer(mni_simplifier *s, uint32_t r, mni_heap_key from) {
+/* The same, of those that are to be offered: begun, and done. */
+static choice begin_offer(const mni_simplifier *s, uint32_t r, mni_heap_key from) {
     const mni_part *p = &s->part;
     bool waits = p->closed != NULL && p->closed[r] < MNI_HEAP_KEY_NONE;
-    choice c = {.r = r, .from = from, .part = waits ? p : NULL};
+    return (choice){.r = r, .from = from, .part = waits ? p : NULL, .best = MNI_HEAP_KEY_NONE};
+}
+
+static choice choose_offer(mni_simplifier *s, uint32_t r, mni_heap_key from) {
+    choice c = begin_offer(s, r, from);
     consider_all(s, &c);
     return c;
+}
+
+/* Where a vertex of n neighbours may go to none of them, each in turn is refused: with a look at
+ * all for each that would be n². So one look serves for many. */
+
+static mni_next *next_of(mni_simplifier *s, uint32_t r) {
+    return &s->next[r % MNI_NEXTS];
+}
+
+/* Puts it among the least, which are in order, each once. */
+static void keep_least(mni_next *n, mni_heap_key key) {
+    uint32_t at = n->count;
+    if (at == MNI_NEXT_MAX && key >= n->key[at - 1])
+        return;
+    while (at > 0 && n->key[at - 1] > key)
+        at--;
+    if (at > 0 && n->key[at - 1] == key)
+        return;
+    n->count += n->count < MNI_NEXT_MAX;
+    memmove(&n->key[at + 1], &n->key[at], (n->count - 1 - at) * sizeof n->key[0]);
+    n->key[at] = key;
+}
+
+static void look_for_next(mni_simplifier *s, mni_next *n, const choice *of) {
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(&s->surface, of->r, &count);
+    *n = (mni_next){.vertex = of->r};
+    for (uint32_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            uint32_t k = s->surface.simplex[fan[i]].v[c];
+            if (k == of->r || k == MN_NONE)
+                continue;
+            mni_heap_key key = key_of(s, of->r, k);
+            if (key >= of->from && !is_idle(of, k, key))
+                keep_least(n, key);
+        }
+}
+
+/* The cheapest candidate of r that is not below `from` and is to be offered; r's ring is what it
+ * was when it was asked for last, but that what goes into a hub may have become dearer. */
+static mni_heap_key next_offer(mni_simplifier *s, uint32_t r, mni_heap_key from) {
+    if (s->surface.vertex[r].fan.count < NEXT_FAN_MIN)
+        return choose_offer(s, r, from).best;
+    const choice of = begin_offer(s, r, from);
+    mni_next *n = next_of(s, r);
+    for (;;) {
+        if (n->vertex != r || n->at == MNI_NEXT_MAX)
+            look_for_next(s, n, &of);
+        if (n->at == n->count)
+            return MNI_HEAP_KEY_NONE;
+        mni_heap_key key = n->key[n->at++];
+        uint32_t k = mni_heap_key_kept(key);
+        if (key_of(s, r, k) != key)
+            n->vertex = MN_NONE;
+        else if (key >= from && !is_idle(&of, k, key))
+            return key;
+    }
 }
 
 /* ---- hubs ---- */
@@ -255,6 +321,8 @@ static void offer(mni_simplifier *s, uint32_t r) {
         return;
     }
     choice c = choose_offer(s, r, 0);
+    if (next_of(s, r)->vertex == r)
+        next_of(s, r)->vertex = MN_NONE;
     v->stale = v->measured = false;
     v->tried = c.best == MNI_HEAP_KEY_NONE || c.least < c.best;
     if (c.least < MNI_HEAP_KEY_NONE)
@@ -295,7 +363,7 @@ static void offer_next(mni_simplifier *s, uint32_t r) {
         offer_next_of_hub(s, r);
         return;
     }
-    mni_heap_key best = choose_offer(s, r, mni_heap_key_of(&s->heap, r) + 1).best;
+    mni_heap_key best = next_offer(s, r, mni_heap_key_of(&s->heap, r) + 1);
     s->surface.vertex[r].tried = true;
     if (best == MNI_HEAP_KEY_NONE)
         mni_heap_remove(&s->heap, r);
@@ -716,6 +784,8 @@ mn_code mni_simplify_room(mni_simplifier *s, uint32_t n) {
     if (!mni_heap_open(&s->heap, n) || s->made.left == NULL || s->made.right == NULL ||
         s->made.value == NULL || s->leaf_bounds == NULL)
         return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
+    for (uint32_t i = 0; i < MNI_NEXTS; i++)
+        s->next[i].vertex = MN_NONE;
     s->legal_last = n - 1;
     return MN_OK;
 }

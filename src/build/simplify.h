@@ -91,6 +91,14 @@ typedef struct mni_poll {
     void *context;
 } mni_poll;
 
+/* The next candidates of a vertex of many neighbours, from one look at all of them: of which each
+ * that is refused makes it ask for the one after. */
+enum { MNI_NEXT_MAX = 64, MNI_NEXTS = 16 };
+typedef struct mni_next {
+    uint32_t vertex, at, count;
+    mni_heap_key key[MNI_NEXT_MAX]; /* rising; nothing is between them */
+} mni_next;
+
 typedef struct mni_simplifier {
     const mn_mesh *mesh;
     mn_simplify_desc desc;
@@ -99,6 +107,7 @@ typedef struct mni_simplifier {
     mni_witness_book witness;
     mni_heap heap;
     mni_hubs hubs;
+    mni_next next[MNI_NEXTS]; /* by vertex, hashed; since these were offered afresh */
     mni_collapses made;
     mni_part part;
     mni_node_bounds *leaf_bounds; /* the input's vertices */
