@@ -360,11 +360,12 @@ static void begin_header(writer *w, uint64_t build_id) {
 
 static mn_code write_header(writer *w, const char *path) {
     mn_header *h = w->header;
+    const mn_watch watch = {w->plan.desc->progress, w->plan.desc->progress_context};
     unsigned char page[MN_PAGE_BYTES];
     h->file_bytes = w->pages * MN_PAGE_BYTES;
     h->depth_max = w->plan.found.depth_max;
     h->fill_mean = (double)w->payload_bytes / h->blocks / h->block_bytes_max;
-    mn_code code = mni_found_shape(&w->plan.found, w->plan.rows, h, w->plan.st);
+    mn_code code = mni_found_shape(&w->plan.found, w->plan.rows, &watch, h, w->plan.st);
     if (code == MN_OK)
         code = mni_header_check(h, h->file_bytes, path, w->plan.st);
     if (code != MN_OK)

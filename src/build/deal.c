@@ -11,6 +11,7 @@
 #include "exttriangles.h"
 #include "heavy.h"
 #include "mem.h"
+#include "watch.h"
 #include "wire.h"
 
 enum { BUFFERS = 2, SORTS = 4 };
@@ -200,9 +201,12 @@ static void count_fans(mni_deal *d, const uint32_t v[3], uint32_t first, uint32_
 
 static mn_code look_at_triangles(mni_deal *d, mn_status *st) {
     uint32_t own = 0, first = 0, end = cell_start(d, 1);
+    uint64_t done = 0;
     for (read_triangles(d); d->next_triangle != NULL;
          d->next_triangle = mni_exttriangles_next(&d->triangles)) {
         const uint32_t *v = d->next_triangle->corner;
+        if (mni_watch_each(&d->desc.watch, "deal", done++, d->mesh->triangles, st) != MN_OK)
+            return st->code;
         while (v[0] >= end) {
             if (d->fan != NULL)
                 keep_fans(d, own);
@@ -242,6 +246,8 @@ static mn_code look_at_vertices(mni_deal *d, mn_status *st) {
     uint32_t last_cell = 0, hub = 0;
     read_vertices(d);
     for (uint32_t id = 0; (v = mni_spill_take(&d->vertices, sizeof *v)) != NULL; id++) {
+        if (mni_watch_each(&d->desc.watch, "deal", id, d->mesh->vertices, st) != MN_OK)
+            return st->code;
         look_at_vertex(d, id, v->position);
         if (hub < d->hubs && d->hub[hub].id == id)
             memcpy(d->hub[hub++].position, v->position, sizeof v->position);

@@ -30,6 +30,7 @@ typedef struct mni_deal_desc {
     uint32_t hubs_max;      /* the heaviest */
     uint64_t work_bytes;    /* at least MNI_DEAL_WORK_MIN */
     const char *temp_dir;
+    mn_watch watch; /* while it is opened */
 } mni_deal_desc;
 
 /* A triangle, as a cell is given it. */
@@ -56,7 +57,8 @@ typedef struct mni_hand {
 typedef struct mni_deal mni_deal;
 
 /* Finds what crosses, the box of all vertices, and samples of them. mesh outlives it, and is read
- * alone. On failure bytes may be asked for all the same, and it is to be closed. */
+ * alone. MN_FAILED: among others, who watches wants no more. On failure bytes may be asked for all
+ * the same, and it is to be closed. */
 mn_code mni_deal_open(mni_deal **deal, mni_extmesh *mesh, const mni_deal_desc *desc, mn_status *st);
 void mni_deal_box(const mni_deal *deal, float low[3], float high[3]);
 /* Of which all coordinates are multiples: the mesh's grid; 0: they are not. */

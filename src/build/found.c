@@ -8,8 +8,9 @@
 #include <string.h>
 
 #include "plan.h"
+#include "watch.h"
 
-enum { SIMPLICES_AT_ONCE = 1024 };
+enum { SIMPLICES_AT_ONCE = 1024 }; /* which divides the 65,536 of a look */
 
 void mni_found_none(mni_found *found) {
     memset(found, 0, sizeof *found);
@@ -103,31 +104,39 @@ static bool add_normal(mni_rows *rows, const uint32_t corner[3], double normal[3
     return true;
 }
 
-static bool add_normals(mni_rows *rows, uint32_t top, double normal[3]) {
+static mn_code not_read(mni_rows *rows, mn_status *st) {
+    mn_code code = mni_rows_trouble(rows, st);
+    return code != MN_OK ? code : mn_fail(st, MN_FAILED, "the tree has changed while it was read");
+}
+
+/* Of all triangles at the highest vertex. */
+static mn_code add_normals(mni_rows *rows, uint32_t top, const mn_watch *watch, double normal[3],
+                           mn_status *st) {
     mni_row_simplex room[SIMPLICES_AT_ONCE];
     for (uint32_t first = 0, all = rows->source.simplices; first < all;) {
         uint32_t count = all - first < SIMPLICES_AT_ONCE ? all - first : SIMPLICES_AT_ONCE;
         const mni_row_simplex *simplex = mni_rows_simplices(rows, first, count, room);
         if (simplex == NULL)
-            return false;
+            return not_read(rows, st);
+        if (mni_watch_each(watch, "dive point", first, all, st) != MN_OK)
+            return st->code;
         for (uint32_t s = 0; s < count; s++) {
             const uint32_t *c = simplex[s].corner;
             if ((c[0] == top || c[1] == top || c[2] == top) && c[2] != MN_NONE &&
                 !add_normal(rows, c, normal))
-                return false;
+                return not_read(rows, st);
         }
         first += count;
     }
-    return true;
+    return MN_OK;
 }
 
-mn_code mni_found_shape(const mni_found *found, mni_rows *rows, mn_header *h, mn_status *st) {
+mn_code mni_found_shape(const mni_found *found, mni_rows *rows, const mn_watch *watch, mn_header *h,
+                        mn_status *st) {
     double normal[3] = {0, 0, 0};
-    if (!add_normals(rows, found->top, normal)) {
-        mn_code code = mni_rows_trouble(rows, st);
-        return code != MN_OK ? code
-                             : mn_fail(st, MN_FAILED, "the tree has changed while it was read");
-    }
+    mn_code code = add_normals(rows, found->top, watch, normal, st);
+    if (code != MN_OK)
+        return code;
     double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
     memcpy(h->box_min, found->box_min, sizeof h->box_min);
     memcpy(h->box_max, found->box_max, sizeof h->box_max);

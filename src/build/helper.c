@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <poll.h>
 #include <signal.h>
 #include <spawn.h>
 #include <stdio.h>
@@ -16,6 +17,9 @@
 #include <unistd.h>
 
 #include "mn_assert.h"
+#include "watch.h"
+
+enum { ASKED_APART_MS = 50 };
 
 extern char **environ;
 
@@ -116,10 +120,30 @@ void mni_helper_write_end(mni_helper *helper) {
     helper->to = -1;
 }
 
+/* Until there is something to read, or its end. A helper may think for minutes before it answers:
+ * who watches is asked meanwhile. */
+static void await_answer(mni_helper *helper) {
+    mn_status ignored = {0};
+    struct pollfd from = {.fd = helper->from, .events = POLLIN};
+    int ready;
+    do {
+        if (mni_watch(&helper->watch, helper->program->library, helper->bytes, 0, &ignored) !=
+            MN_OK) {
+            helper->cut = helper->given_up = true;
+            kill(helper->pid, SIGKILL); /* it is not waited for yet, so the number is its own */
+            return;
+        }
+        ready = poll(&from, 1, ASKED_APART_MS);
+    } while (ready == 0 || (ready < 0 && errno == EINTR));
+}
+
 bool mni_helper_read(mni_helper *helper, void *bytes, size_t count) {
     char *at = bytes;
     mni_helper_write_end(helper);
     while (count > 0 && !helper->cut) {
+        await_answer(helper);
+        if (helper->cut)
+            break;
         ssize_t done = read(helper->from, at, count);
         if (done < 0 && errno == EINTR)
             continue;
@@ -128,6 +152,7 @@ bool mni_helper_read(mni_helper *helper, void *bytes, size_t count) {
         } else {
             at += done;
             count -= (size_t)done;
+            helper->bytes += (uint64_t)done;
         }
     }
     return !helper->cut;
@@ -158,9 +183,12 @@ mn_code mni_helper_close(mni_helper *helper, const char *about, char line[MNI_HE
     first_line(helper->errors, own_line);
     close(helper->errors);
     const char *library = helper->program->library;
+    const bool given_up = helper->given_up;
     *helper = (mni_helper){.pid = -1, .to = -1, .from = -1, .errors = -1, .cut = helper->cut};
     if (line != NULL)
         memcpy(line, own_line, sizeof own_line);
+    if (given_up)
+        return mn_fail(st, MN_FAILED, "%s: interrupted", about);
     if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
         return !helper->cut ? MN_OK
                             : mn_fail(st, MN_FAILED, "%s: the helper's answer is cut short", about);
@@ -171,6 +199,9 @@ mn_code mni_helper_close(mni_helper *helper, const char *about, char line[MNI_HE
         return mn_fail(st, MN_BAD_INPUT, "%s: %s does not come to an end with it", about, library);
     if (WTERMSIG(status) == SIGPIPE)
         return mn_fail(st, MN_FAILED, "%s: reading it was given up", about);
+    if (WTERMSIG(status) == SIGINT || WTERMSIG(status) == SIGTERM || WTERMSIG(status) == SIGHUP)
+        return mn_fail(st, MN_FAILED, "%s: %s was interrupted (%s)", about, library,
+                       strsignal(WTERMSIG(status)));
     return mn_fail(st, MN_BAD_INPUT, "%s: %s crashes on it (%s)", about, library,
                    strsignal(WTERMSIG(status)));
 }

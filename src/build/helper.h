@@ -32,6 +32,9 @@ typedef struct mni_helper {
     int to, from; /* a socket and a pipe; -1: closed */
     int errors;   /* the helper's standard error: a file in memory, so that it never fills */
     bool cut;     /* a write or read fell short */
+    bool given_up;
+    mn_watch watch; /* the opener's, from then on: asked while it is read from; may be none */
+    uint64_t bytes; /* read so far: what who watches is told */
 } mni_helper;
 
 /* Starts the program in helper_dir (as in mn_read_desc) with args, which end with
@@ -44,7 +47,8 @@ void mni_helper_write_end(mni_helper *helper);
 bool mni_helper_read(mni_helper *helper, void *bytes, size_t count);
 /* Waits for it. MN_OK when it ended with 0 and nothing was cut; `line` (may be NULL) is then the
  * first line that it wrote on standard error. Else `about` (a file's name) begins the message:
- * MN_BAD_INPUT for exit 3, a crash or a limit reached, MN_FAILED for the rest. */
+ * MN_BAD_INPUT for exit 3, a crash or a limit reached, MN_FAILED for the rest: "interrupted" where
+ * who watches wanted no more, or a signal for all of a terminal's processes has ended it. */
 mn_code mni_helper_close(mni_helper *helper, const char *about, char line[MNI_HELPER_LINE_BYTES],
                          mn_status *st);
 

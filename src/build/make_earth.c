@@ -245,6 +245,7 @@ mn_code mni_make_earth(const mn_make_desc *desc, mni_make_ply *ply, mn_status *s
     code = mni_helper_open(&g.helper, desc->helper_dir, &mni_helper_netcdf, args, st);
     if (code == MN_OK) {
         mn_status own = {0}, its = {0};
+        g.helper.watch = (mn_watch){desc->progress, desc->progress_context};
         code = receive(desc, &g, ply, &own);
         bool cut = g.helper.cut;
         mni_helper_close(&g.helper, g.name, NULL, &its);

@@ -19,7 +19,7 @@ typedef struct slot {
     uint32_t value; /* switch value, as in facts; NOT_TOLD: no message yet */
 } slot;
 _Static_assert(sizeof(slot) == 48, "as the plan counts them");
-enum { NOT_TOLD = UINT16_MAX };
+enum { NOT_TOLD = UINT16_MAX, TELL_EVERY = 1 << 16 };
 
 typedef struct standing { /* of a collapse in its stage */
     uint32_t falling_key, row;
@@ -80,6 +80,8 @@ static mn_code end_stage(walk *k) {
         memcpy(to, &at, sizeof at);
         memcpy(to + sizeof at, &order, sizeof order);
         mni_bucket_put_end(&w->ordered, bucket, to + sizeof at + sizeof order);
+        if (k->rank % TELL_EVERY == 0)
+            code = mni_order_tell(w, w->history->collapses - k->first);
     }
     mni_sort_figures figures = mni_sort_figures_get(k->sort);
     w->out->bytes_read += figures.bytes_read;

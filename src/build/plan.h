@@ -169,8 +169,9 @@ void mni_found_node(mni_found *found, uint32_t order, uint32_t depth);
 void mni_found_add(mni_found *to, const mni_found *from);
 /* Is it the tree that head promises? MN_BAD_INPUT. */
 mn_code mni_found_check(const mni_found *found, const mn_tree *head, mn_status *st);
-/* Box and dive point of the header; reads all simplices for the normal there. */
-mn_code mni_found_shape(const mni_found *found, mni_rows *rows, mn_header *header, mn_status *st);
+/* Box and dive point of the header; reads all simplices for the normal there. watch: NULL: none. */
+mn_code mni_found_shape(const mni_found *found, mni_rows *rows, const mn_watch *watch,
+                        mn_header *header, mn_status *st);
 
 /* ---- the policies --------------------------------------------------------------------------- */
 

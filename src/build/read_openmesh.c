@@ -121,6 +121,7 @@ bool mni_read_openmesh(const char *path, const char *as, const mn_read_desc *des
     free(operand);
     if (code != MN_OK)
         return false;
+    helper.watch = (mn_watch){source->progress, source->progress_context};
     stream s = {.helper = &helper, .intake = intake};
     bool whole = mni_helper_read_head(&helper, &s.head) &&
                  mni_intake_expect(intake, s.head.vertices, s.head.triangles) &&

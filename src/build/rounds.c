@@ -623,7 +623,8 @@ static mn_code try_deal(rounds *r) {
                                          : 0,
                           .hubs_max = (uint32_t)(HUBS_MAX * r->cell_vertices),
                           .work_bytes = share_of(r, deal_share, DEAL_BYTES, MNI_DEAL_WORK_MIN),
-                          .temp_dir = r->desc.temp_dir};
+                          .temp_dir = r->desc.temp_dir,
+                          .watch = {r->desc.progress, r->desc.progress_context}};
     mn_code code = mni_deal_open(&r->deal, r->mesh, &desc, r->st);
     if (code != MN_OK)
         return code;

@@ -369,10 +369,30 @@ START_TEST(strides_that_leave_too_little) {
 END_TEST
 
 static bool stop_late(void *context, const char *phase, uint64_t done, uint64_t total) {
-    (void)phase;
+    if (strcmp(phase, "making") != 0) /* the helper is waited for */
+        return true;
     ck_assert_uint_lt(done, total);
     return ++*(int *)context < 40; /* 33 rows, 32 bands: in the faces */
 }
+
+/* While the helper is at work. */
+static bool stop_waiting(void *context, const char *phase, uint64_t done, uint64_t total) {
+    (void)done, (void)total;
+    *(bool *)context |= strcmp(phase, "netCDF") == 0;
+    return strcmp(phase, "netCDF") != 0;
+}
+
+START_TEST(interrupted_while_its_helper_works) {
+    const grid g = good_grid(33, 60);
+    bool asked = false;
+    mn_make_desc desc = desc_of(1);
+    write_grid(grid_path, &g);
+    desc.progress = stop_waiting;
+    desc.progress_context = &asked;
+    refused(&desc, MN_FAILED, "interrupted");
+    ck_assert(asked);
+}
+END_TEST
 
 START_TEST(interrupted_or_out_of_space) {
     const grid g = good_grid(33, 60);
@@ -428,6 +448,7 @@ int main(void) {
         tcase_add_test(tc, files_that_are_no_grid);
         tcase_add_test(tc, cut_files);
         tcase_add_test(tc, strides_that_leave_too_little);
+        tcase_add_test(tc, interrupted_while_its_helper_works);
         tcase_add_test(tc, interrupted_or_out_of_space);
     }
     suite_add_tcase(suite, tc);

@@ -374,9 +374,9 @@ START_TEST(a_tree_that_changes_is_told) {
     const mni_found found = {.top = simplex[0].corner[0]};
     ck_assert(simplex[0].corner[2] != MN_NONE);
     ck_assert(mni_rows_open(&rows, &f.memory, 0, &st) == MN_OK);
-    ck_assert(mni_found_shape(&found, &rows, &h, &st) == MN_OK);
+    ck_assert(mni_found_shape(&found, &rows, NULL, &h, &st) == MN_OK);
     simplex[0].corner[2] = f.tree.leaves;
-    ck_assert_int_eq(mni_found_shape(&found, &rows, &h, &st), MN_FAILED);
+    ck_assert_int_eq(mni_found_shape(&found, &rows, NULL, &h, &st), MN_FAILED);
     ck_assert_str_eq(st.text, "the tree has changed while it was read");
     mni_rows_close(&rows);
     close_filed(&f);
