@@ -85,6 +85,11 @@ mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, boo
         snprintf(files->folder, sizeof files->folder, "%s", dirname(copy));
         snprintf(files->work, sizeof files->work, "%s", files->left);
         free(copy);
+        if (access(files->folder, F_OK) != 0)
+            return mn_fail(st, MN_FAILED,
+                           "%.200s: what was finished was kept in %.200s, which is not there (%s): "
+                           "mount its disk, or leave out --resume to begin anew",
+                           out, files->left, strerror(errno));
     } else if (resume && temp_dir != NULL && holds_phase(files->left) &&
                !holds_phase(files->work)) {
         return mn_fail(

@@ -21,7 +21,8 @@ typedef struct temp_files {
 
 /* Chooses both folders, and changes nothing; temp_dir may be NULL: then who resumes goes on where
  * the link leads.
- * MN_USAGE: what is to be resumed lies somewhere else. MN_FAILED: a name that is too long. */
+ * MN_USAGE: what is to be resumed lies somewhere else. MN_FAILED: a name that is too long; the
+ * folder that is to be gone on with has gone, as with a disk that is not mounted. */
 mn_code temp_place(temp_files *files, const char *out, const char *temp_dir, bool resume,
                    mn_status *st);
 /* The same for who finishes no phase: what a build has left is neither looked at nor cleared. */

@@ -122,6 +122,11 @@ static bool is_ours(const char *name) {
            name[1] == '-' && name[2] >= '0' && name[2] < '0' + MNI_WORK_FILES_MAX;
 }
 
+static bool is_file(int folder, const char *name) {
+    struct stat is;
+    return fstatat(folder, name, &is, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(is.st_mode);
+}
+
 /* Whether it is what a resume would begin with. */
 static bool is_of(const char *name, mn_phase phase) {
     return phase != MN_PHASE_NONE && (strcmp(name, state_name) == 0 || name[0] == '0' + (int)phase);
@@ -145,7 +150,7 @@ static bool look_through(const mn_work *work, clearing what, mn_phase spared, mn
     while (good && (entry = readdir(list)) != NULL) {
         if (strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0)
             continue;
-        good = is_ours(entry->d_name);
+        good = is_ours(entry->d_name) && is_file(work->folder, entry->d_name);
         if (!good)
             mn_fail(st, MN_FAILED,
                     "%s: holds %.50s, which is not of a build; name another --temp-dir", work->path,

@@ -323,6 +323,53 @@ moved() {
     check "what is no build's stays" test -n "$(find temp -name mine)"
 }
 
+# begins_anew NAME WORD…: with --resume, a line that says why from the beginning, and the same bytes.
+begins_anew() {
+    expect 0 "$1, --resume" build model.ply -o here/out.mnt --resume && one_line "$@" "from the beginning"
+    check "$1: the same bytes" cmp whole.mnt here/out.mnt
+    check "$1: nothing is left" test "$(find here temp other -mindepth 1 2>/dev/null)" = here/out.mnt
+}
+
+# refused NAME WORD…: a line that says what stands in the way, which stands yet.
+refused() {
+    local before
+    before=$(ls -AR here)
+    expect 1 "$1" build model.ply -o here/out.mnt --resume && one_line "$@"
+    check "$1: all is as it was" test "$(ls -AR here)" = "$before"
+}
+
+# What was kept has gone with its disk, in part, or is something else by now.
+gone() {
+    if ! killed_at temp; then
+        skip "gone: it was over before it could be killed"
+        return 0
+    fi
+    mv temp away # as when its disk is not mounted
+    refused "a folder that is gone" here/out.mnt "temp/out.mnt" "not there" "leave out --resume"
+    mv away temp
+    : >notes
+    resumed "its disk is back" here/out.mnt
+    check "its disk is back: it goes on" grep -q "goes on after" notes
+    if killed_at temp; then
+        rm -r temp
+        expect 0 "gone, anew" build model.ply -o here/out.mnt
+        check "gone, anew: without a word" test ! -s "$err"
+        check "gone, anew: the link goes too" test "$(ls -A here)" = out.mnt
+    fi
+    killed_at temp && rm -r temp/*.work && begins_anew "an empty disk" "nothing to go on from"
+    killed_at here && rm here/out.mnt.work/state && begins_anew "no state" "no phase"
+    killed_at here && rm here/out.mnt.work/[123]-0 && begins_anew "a file is gone" "not whole"
+    killed_at here && truncate -s -1 here/out.mnt.work/[123]-0 && begins_anew "a file is short" "not whole"
+    if killed_at here; then
+        rm here/out.mnt.work/[123]-0
+        mkdir here/out.mnt.work/1-0
+        refused "a folder in a file's place" here/out.mnt.work 1-0 "not of a build"
+        rm -r here/out.mnt.work
+        echo mine >here/out.mnt.work
+        refused "a file in the folder's place" here/out.mnt.work "not a folder"
+    fi
+}
+
 expect 0 model make terrain --triangles 60000 -o model.ply || finish
 begun_ms=$(now_ms)
 expect 0 whole build model.ply -o whole.mnt || finish
@@ -339,4 +386,5 @@ part plan_of_corners
 part more_memory
 part elsewhere
 part moved
+part gone
 finish
