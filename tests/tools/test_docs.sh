@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
-# Goal: no page sends its reader nowhere: links, their anchors, sections by number, files of the sources.
-# Method: every relative link in every page; every "design.md §N" in the sources against docs/contract.md.
+# Goal: no page sends its reader nowhere: links, their anchors, sections by number, files of the sources;
+# and scripts that take minutes say what they do.
+# Method: every relative link in every page; every "design.md §N" in the sources against docs/contract.md;
+# each script's --help.
 # test_docs.sh ROOT
 set -uo pipefail
 cd "$1" || exit 1
@@ -36,4 +38,9 @@ while read -r number; do
     grep -qxF "${number%.}" <<<"$sections" || fail "docs/contract.md has no §$number"
 done < <(grep -rhoE 'design\.md,? §[0-9.]+( (and|to)?,? ?§[0-9.]+)*' README.md docs src tests tools include bench |
     grep -oE '§[0-9.]+' | tr -d '§' | sed 's/\.$//' | sort -u)
+
+# The scripts of bench/ take minutes and build what they need: --help does nothing of that.
+for script in bench/build bench/cgroup bench/navigator bench/paper bench/paper-tables bench/soak; do
+    METANODE=/nowhere "$script" --help 2>&1 </dev/null | grep -qF "$script" || fail "$script --help"
+done
 exit $((failures > 0))
