@@ -189,8 +189,8 @@ mn_code mni_render_resize(mni_render *r, uint32_t width, uint32_t height, mn_sta
                       open_target(&r->drawn, r->samples, true, width, height);
     const mn_code code = gl_status("making room for the picture", st);
     if (code == MN_OK && !good)
-        return mn_fail(st, MN_NO_GRAPHICS, "the driver refuses a picture of %u x %u", width,
-                       height);
+        return mn_fail(st, MN_NO_GRAPHICS,
+                       "the driver refuses a picture of %u x %u: try a smaller one", width, height);
     return code;
 }
 
