@@ -42,6 +42,13 @@ void path_record_end(path_record *r, uint32_t frame, const mn_camera *camera) {
 
 mn_code path_record_all(const mn_path *path, uint32_t frames, uint64_t every, const char *name,
                         mn_status *st) {
+    const uint64_t steps = frames - 1, keys = steps / every + (steps % every != 0) + 1;
+    if (keys > MN_PATH_KEYS_MAX)
+        return mn_fail(st, MN_USAGE,
+                       "--write-path %s: %llu keys are more than the %d that a path file may have; "
+                       "try --key-every %llu",
+                       name, (unsigned long long)keys, MN_PATH_KEYS_MAX,
+                       (unsigned long long)(steps / (MN_PATH_KEYS_MAX - 1) + 1));
     output out;
     mn_code code = output_open(&out, "--write-path", name, st);
     if (code != MN_OK)

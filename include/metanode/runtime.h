@@ -40,7 +40,10 @@ void mn_path_close(mn_path *path);
 
 /* Writing a path file: the heading, then a line a key, frames rising from 0. */
 extern const char mn_path_heading[];
-enum { MN_PATH_LINE_BYTES = 256 };
+enum {
+    MN_PATH_LINE_BYTES = 256,
+    MN_PATH_KEYS_MAX = 1500000, /* of a file; read, with what growing takes, 100 MB */
+};
 /* One key with its newline; read again it is the same, to the bit. Returns the line's length. */
 int mn_path_line(char line[MN_PATH_LINE_BYTES], uint32_t frame, const mn_camera *camera);
 

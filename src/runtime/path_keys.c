@@ -25,7 +25,6 @@
 #include "mn_assert.h"
 
 enum {
-    KEYS_MAX = 1500000, /* with what growing takes, 100 MB */
     FRAMES_MAX = 1000000000,
     LINE_BYTES_MAX = 1024,
     NUMBERS = 10, /* of a camera */
@@ -228,7 +227,7 @@ static const char *keep(mni_path_keys *k, uint32_t frame, const mn_camera *camer
         return "the first key must be that of frame 0";
     if (k->count > 0 && frame <= k->frame[k->count - 1])
         return "its frame is not after that of the key before";
-    if (k->count == KEYS_MAX)
+    if (k->count == MN_PATH_KEYS_MAX)
         return "more than 1500000 keys";
     if (k->count == k->room) {
         const uint32_t room = k->room > 0 ? k->room + k->room / 2 : 256;

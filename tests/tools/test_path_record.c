@@ -133,6 +133,15 @@ START_TEST(all_of_a_path) {
     ck_assert_int_eq(path_record_all(orbit, 1, 1, name, &st), MN_OK);
     ck_assert_int_eq(path_record_all(orbit, 5, 1, "/no/such/folder/a.path", &st), MN_FAILED);
     ck_assert_ptr_nonnull(strstr(st.text, "--write-path /no/such/folder/a.path"));
+    unlink(name);
+    static const uint32_t too_many[][2] = {{MN_PATH_KEYS_MAX + 1, 1}, {3 * MN_PATH_KEYS_MAX, 2}};
+    for (int i = 0; i < 2; i++) {
+        st = (mn_status){0};
+        ck_assert_int_eq(path_record_all(orbit, too_many[i][0], too_many[i][1], name, &st),
+                         MN_USAGE);
+        ck_assert_ptr_nonnull(strstr(st.text, i == 0 ? "try --key-every 2" : "--key-every 4"));
+        ck_assert_int_ne(access(name, F_OK), 0);
+    }
     if (access("/dev/full", W_OK) == 0) {
         st = (mn_status){0};
         ck_assert_int_eq(path_record_all(orbit, 5, 1, "/dev/full", &st), MN_NO_SPACE);
