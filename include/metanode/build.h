@@ -319,9 +319,6 @@ typedef struct mn_verify_desc {
 mn_code mn_verify(const char *path, const mn_verify_desc *desc, mn_verify_result *out,
                   mn_status *st);
 
-/* Rebuilds the tree that a .mnt (or .vdt) holds, whole, in memory. */
-mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st);
-
 typedef enum mn_extract { MN_EXTRACT_FULL = 0, MN_EXTRACT_TRIANGLES, MN_EXTRACT_ERROR } mn_extract;
 typedef struct mn_extract_desc {
     mn_extract what;

@@ -20,7 +20,5 @@ mn_code mni_tree_build_id(const mn_tree *tree, const mn_block_desc *desc, uint64
 void mni_tree_shape(const mn_tree *tree, mn_header *header);
 /* Collapses of the prefix front with the most triangles that are at most so many. */
 uint32_t mni_tree_prefix(const mn_tree *tree, uint64_t triangles);
-/* Reads and checks a whole .mnt, twice. */
-mn_code mni_mnt_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st);
 
 #endif

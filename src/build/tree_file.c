@@ -268,10 +268,6 @@ mn_code mn_tree_read(const char *path, mn_tree *out, mn_status *st) {
     return code;
 }
 
-mn_code mn_tree_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st) {
-    return mn_tree_is_vdt(path) ? mn_tree_read(path, out, st) : mni_mnt_load(path, watch, out, st);
-}
-
 mn_code mn_tree_expect(const char *path, uint64_t *vertices, uint64_t *triangles, mn_status *st) {
     mn_code code;
     *vertices = *triangles = 0;

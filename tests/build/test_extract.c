@@ -273,7 +273,7 @@ START_TEST(files_hold_the_same_fronts) {
     else
         fixture_random_tree(&mesh, 7, &made);
     ck_assert(mn_block_write(in, &made, &cut, NULL, NULL, &st) == MN_OK);
-    ck_assert_msg(mn_tree_load(in, NULL, &tree, &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(fixture_load(in, &tree, &st) == MN_OK, "%s", st.text);
     ck_assert(mn_tree_write(rows, &made, &st) == MN_OK);
     mn_tree_free(&made);
     ck_assert(mn_tree_read(rows, &made, &st) == MN_OK); /* corners are turned in a file */
@@ -298,7 +298,7 @@ static void store(const mn_tree *tree, const char *mnt, const char *vdt, mn_tree
     mn_status st = {0};
     const mn_block_desc cut = {.block_bytes = 4096};
     ck_assert(mn_block_write(mnt, tree, &cut, NULL, NULL, &st) == MN_OK);
-    ck_assert_msg(mn_tree_load(mnt, NULL, &back[0], &st) == MN_OK, "%s", st.text);
+    ck_assert_msg(fixture_load(mnt, &back[0], &st) == MN_OK, "%s", st.text);
     ck_assert(mn_tree_write(vdt, tree, &st) == MN_OK);
     ck_assert_msg(mn_tree_read(vdt, &back[1], &st) == MN_OK, "%s", st.text);
 }

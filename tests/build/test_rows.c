@@ -259,8 +259,7 @@ START_TEST(the_same_bytes_in_any_memory) {
         mn_status st = {0};
         mn_tree back;
         ck_assert_msg(block(&f, &f.memory, "a.mnt", &desc, &a, NULL, &st) == MN_OK, "%s", st.text);
-        ck_assert_msg(mn_tree_load(fixture_path("a.mnt"), NULL, &back, &st) == MN_OK, "%s",
-                      st.text);
+        ck_assert_msg(fixture_load(fixture_path("a.mnt"), &back, &st) == MN_OK, "%s", st.text);
         fixture_same(&f.tree, &back);
         mn_tree_free(&back);
         for (uint32_t m = 0; m < 3; m++) {
@@ -343,7 +342,7 @@ START_TEST(lies_are_found_out) {
         mn_code code = block(&f, i % 8 == 0 ? &f.file : &f.memory, "lie.mnt", &desc, &h, NULL, &st);
         if (code == MN_OK) { /* then it is a tree: what is read back says so too */
             mn_tree back;
-            ck_assert_msg(mn_tree_load(fixture_path("lie.mnt"), NULL, &back, &st) == MN_OK,
+            ck_assert_msg(fixture_load(fixture_path("lie.mnt"), &back, &st) == MN_OK,
                           "lie %u, word %zu of section %d, was %x: %s", i, at[0] / 4, section[0],
                           was[0], st.text);
             mn_tree_free(&back);

@@ -18,6 +18,8 @@ void fixture_tree(const mn_mesh *mesh, mn_tree *out);
  * nodes by definition. Deep and unbalanced in parts; no hinges. */
 void fixture_random_tree(const mn_mesh *mesh, uint64_t seed, mn_tree *out);
 
+/* The tree that a .mnt holds, all of it checked. */
+mn_code fixture_load(const char *path, mn_tree *out, mn_status *st);
 /* Asserts (Check) that both say the same, triangles up to their first corner. */
 void fixture_same(const mn_tree *a, const mn_tree *b);
 /* A name in the test's own temporary folder, made at first use; static storage. */

@@ -1,12 +1,10 @@
-/* From a .mnt back to a tree in memory.
- *
- * Hides: two walks over its rows (mnt_rows.h): nodes first, of which it is known then how many
- * simplices each has; and these. Order: mni_mnt_load alone. One thread; blocks on the disk. Memory:
- * the tree, and what a walk takes. Paper: §3.2. */
+/* fixture_load (tree_fixture.h): two walks over the rows of a .mnt, nodes first, of which it is
+ * known then how many simplices each has; and these. */
 #include <string.h>
 
 #include "mnt_rows.h"
 #include "tree.h"
+#include "tree_fixture.h"
 
 typedef struct loader {
     const char *path;
@@ -62,9 +60,8 @@ static mn_code take_simplex(void *context, const mni_row_simplex *simplex) {
     return MN_OK;
 }
 
-static mn_code load(loader *l, mni_mnt *mnt, const mn_watch *watch) {
-    const mni_walk_desc first = {.watch = watch, .phase = "checking"};
-    const mni_walk_desc second = {.watch = watch, .phase = "loading"};
+static mn_code load(loader *l, mni_mnt *mnt) {
+    const mni_walk_desc desc = {.phase = "loading"};
     const mni_walk_sink rows = {take_row, count_simplex, l};
     const mni_walk_sink simplices = {find_node, take_simplex, l};
     const mn_header *h = &mnt->header;
@@ -78,24 +75,23 @@ static mn_code load(loader *l, mni_mnt *mnt, const mn_watch *watch) {
     t->metric = h->metric;
     memcpy(t->origin, h->origin, sizeof t->origin);
     t->grid_step = h->grid_step;
-    code = mni_mnt_walk(mnt, &first, &rows, l->st);
+    code = mni_mnt_walk(mnt, &desc, &rows, l->st);
     for (uint32_t i = 0; i < t->inner; i++)
         t->simplex_start[i + 1] += t->simplex_start[i];
     if (code == MN_OK)
-        code = mni_mnt_walk(mnt, &second, &simplices, l->st);
+        code = mni_mnt_walk(mnt, &desc, &simplices, l->st);
     if (code == MN_OK)
         code = mni_tree_derive(t, l->st);
     return code == MN_OK ? mn_tree_check(t, l->st) : code;
 }
 
-mn_code mni_mnt_load(const char *path, const mn_watch *watch, mn_tree *out, mn_status *st) {
-    mn_status own = {0};
+mn_code fixture_load(const char *path, mn_tree *out, mn_status *st) {
     mni_mnt mnt;
-    loader l = {.path = path, .tree = out, .st = st != NULL ? st : &own};
+    loader l = {.path = path, .tree = out, .st = st};
     memset(out, 0, sizeof *out);
     mn_code code = mni_mnt_open(&mnt, path, l.st);
     if (code == MN_OK)
-        code = load(&l, &mnt, watch);
+        code = load(&l, &mnt);
     mni_mnt_close(&mnt);
     if (code != MN_OK)
         mn_tree_free(out);
