@@ -1,4 +1,5 @@
 /* The figures of build, simplify and block: as JSON, or as a few lines. Hidden here: the keys. */
+#include <float.h>
 #include <stdio.h>
 
 #include "build_steps.h"
@@ -88,6 +89,8 @@ static void report_json(const build_steps *b) {
     }
     json_u64(&j, "order_violations", t->counts.order_violations);
     json_f64(&j, "order_violation_worst", (double)t->counts.order_violation_worst);
+    json_f64(&j, "order_violation_bound", (double)t->counts.order_violation_bound);
+    json_u64(&j, "order_unknown", t->counts.order_unknown);
     json_u64(&j, "rounds", t->counts.rounds);
     if (b->work != NULL) { /* simplified */
         if (s.phase.simplify.seconds > 0)
@@ -113,6 +116,21 @@ static void report_json(const build_steps *b) {
     json_end(&j);
 }
 
+/* Nothing where cheapest first was kept throughout. */
+static void report_order(const mn_build_counts *c) {
+    if (c->order_violation_bound >= FLT_MAX)
+        printf("  out of order: %llu collapse%s beside a legal one that was next to free\n",
+               (unsigned long long)c->order_violations, cli_s(c->order_violations));
+    else if (c->order_violations > 0)
+        printf("  out of order: %llu collapse%s beside a cheaper legal one, at most %.3g times as "
+               "dear\n",
+               (unsigned long long)c->order_violations, cli_s(c->order_violations),
+               (double)c->order_violation_bound);
+    if (c->order_unknown > 0)
+        printf("  order not known: %llu collapse%s at hubs or of points\n",
+               (unsigned long long)c->order_unknown, cli_s(c->order_unknown));
+}
+
 static void report_text(const build_steps *b) {
     const mn_tree *t = b->head;
     const mn_header *h = &b->header;
@@ -133,6 +151,7 @@ static void report_text(const build_steps *b) {
     if (seconds > 0)
         printf("  %u collapse%s in %.2f s (%.0f/s)\n", t->inner, cli_s(t->inner), seconds,
                t->inner / seconds);
+    report_order(&t->counts);
     if (h->blocks > 0)
         printf("  %u block%s of up to %u bytes, filled %.0f %%, %u deep\n", h->blocks,
                cli_s(h->blocks), h->block_bytes_max, 100 * h->fill_mean, h->block_depth);

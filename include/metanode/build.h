@@ -93,9 +93,15 @@ typedef struct mn_build_counts { /* for build --json */
     uint64_t collapses_by_stage[4];
     /* Collapses made while an edge sharing a vertex with them was legal and cheaper, looked for at
      * one in 64, and at every one of rounds that may have any. Of these the worst: by which factor
-     * it cost more, FLT_MAX where the other was free; 0: there is none. */
+     * it cost more, FLT_MAX where the other was next to free; 0: there is none. */
     uint64_t order_violations;
     float order_violation_worst;
+    /* No collapse cost more than so many times as much as a legal one beside it; FLT_MAX: no bound;
+     * 0: none cost more. But for these: */
+    float order_violation_bound;
+    /* Collapses of whose order nothing is known: made while simplices were set aside, or beside a
+     * hub that took what lay around it cell by cell; a hub's own. */
+    uint64_t order_unknown;
     uint64_t rounds; /* 1 in memory */
     double seconds_simplify;
 } mn_build_counts;

@@ -45,6 +45,7 @@ static mn_code take_room(mni_cell *cell, uint32_t vertices, uint32_t triangles, 
     s->surface.is_part = true;
     s->part.slack = cell->desc.slack;
     s->part.rings = cell->desc.rings;
+    s->part.carries = cell->desc.carries;
     s->part.closed = mni_mem_take(vertices * sizeof *s->part.closed, 0);
     s->part.ring = mni_mem_take(vertices * sizeof *s->part.ring, 0);
     s->part.key = mni_mem_take_zeroed(vertices * sizeof *s->part.key);
@@ -601,6 +602,9 @@ mn_code mni_cell_run(mni_cell *cell, mn_status *st) {
         code = work(cell);
     if (code != MN_OK)
         return code;
+    if (!cell->desc.rings && !cell->desc.whole && cell->desc.stage < 4)
+        mni_simplify_count_waiting(s);
+    memcpy(cell->could_go, s->part.could_go, sizeof cell->could_go);
     mni_simplify_settle(s);
     mni_heap_close(&s->heap); /* its room is wanted for what was made */
     cell->hinges = s->surface.simplices - cell->simplices;

@@ -34,11 +34,11 @@ typedef struct mni_cell_collapse {
 
 typedef struct mni_cell_desc {
     mn_metric metric;
-    bool whole;  /* all that is left: every stage, to the last root */
-    int stage;   /* otherwise: this one, 1 … 4; whole begins with it */
-    float slack; /* stages 1 to 3: by which factor, from 1 on, a collapse may cost more than one
-                    beside it that has to wait; INFINITY: none waits but for what is not here */
-    bool rings;  /* of what waits the rings wait as well, with what costs more */
+    bool whole;   /* all that is left: every stage, to the last root */
+    int stage;    /* otherwise: this one, 1 … 4; whole begins with it */
+    double slack; /* stages 1 to 3: by which factor, from 1 on, a collapse may cost more than one
+                     beside it that has to wait */
+    bool rings;   /* of what waits the rings wait as well, with what costs more */
     const mni_frozen_table *frozen; /* NULL: none; does not change while cells are opened */
     bool carries; /* what hubs come to here is what they are from now on: cells one by one */
     bool points;  /* simplices are set aside (aside.h), not looked at */
@@ -83,7 +83,8 @@ typedef struct mni_cell {
     uint32_t (*killed)[3]; /* origins of simplices, by collapse */
     uint32_t killed_count;
     uint32_t hinges;
-    uint32_t collapses_before; /* in cells before */
+    uint32_t could_go[MNI_LEVELS]; /* without rings: as in mni_part */
+    uint32_t collapses_before;     /* in cells before */
 } mni_cell;
 
 /* All return MN_FAILED where memory is short; close frees what there is. */

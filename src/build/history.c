@@ -189,6 +189,10 @@ void mni_history_count(mni_history *h, const mni_cell *cell) {
     h->counts.order_violations += c->order_violations;
     if (c->order_violation_worst > h->counts.order_violation_worst)
         h->counts.order_violation_worst = c->order_violation_worst;
+    MN_ASSERT_SLOW(c->order_violation_worst <= c->order_violation_bound);
+    if (c->order_violation_bound > h->counts.order_violation_bound)
+        h->counts.order_violation_bound = c->order_violation_bound;
+    h->counts.order_unknown += cell->desc.points ? cell->collapses : c->order_unknown;
     h->counts.components += c->components;
     for (int i = 0; i < 4; i++)
         h->counts.collapses_by_stage[i] += c->collapses_by_stage[i];

@@ -28,23 +28,23 @@
 #include "give.h"
 #include "mem.h"
 #include "tiles.h"
+#include "wait.h"
 
-/* How strict a round is: the first two are in order. Where costs rise evenly over a whole region,
- * all of it is put off, from the cells' edges inwards: after a round with fewer collapses than a
- * SLOW_PART of its vertices, rings are not waited for, until a round makes a FAIR_PART again. */
-static const struct {
-    float slack;
-    bool rings;
-} order[] = {{1, true}, {1, false}, {4, false}, {INFINITY, false}};
-enum { IN_ORDER = 1, LOOSEST = sizeof order / sizeof order[0] - 1 };
+/* How strict a round is: 0: rings wait; from IN_ORDER on they do not, and levels begin (wait.h),
+ * the first of which is in order too. Where costs rise evenly over a whole region, all of it is put
+ * off, from the cells' edges inwards: after a round with fewer collapses than a SLOW_PART of its
+ * vertices, rings are not waited for, until a round makes a FAIR_PART again. */
+enum { RINGS = 0, IN_ORDER = 1, LOOSEST = IN_ORDER + MNI_LEVELS - 1 };
 enum { SLOW_PART = 8, FAIR_PART = 4 };
 /* Rounds that stay in order although they are slow may take as many vertices as the mesh has, and
  * so many cells', all of them together: so bytes that are moved have a bound. After these, or when
- * so many in a row have made fewer than a STUCK_PART, the next may be so much out of order, and at
- * last as it likes; from there on it is stricter again, round by round. Two rounds without order
- * that make so few: the stage is as good as done, and the next one allows more. In the last one
+ * so many in a row have made fewer than a STUCK_PART, a slow round is followed by one on the least
+ * level that will do, as far as can be told from what waited: a SLOW_PART of the vertices would go,
+ * or half of those that would on any. If so few go that it did not do, it is one level more. Two
+ * rounds in vain, which make so few though they are on the last level, or though hardly any waits
+ * for the order: the stage is as good as done, and the next one allows more. In the last one
  * nothing but cells that grow helps (every vertex joined to places all over the model). */
-enum { SLOW_CELLS = 64, STUCK_PART = 64, STUCK_ROUNDS = 2, STUCK_ROUNDS_IN_ORDER = 12 };
+enum { SLOW_CELLS = 64, STUCK_PART = 64, VAIN_ROUNDS = 2, STUCK_ROUNDS_IN_ORDER = 12 };
 
 /* A round in whose cells fewer than an INSIDE_PART of the vertices have their rings: the model
  * cannot be cut, whatever the order. After two of them cells grow, up to so many times what is
@@ -95,10 +95,11 @@ typedef struct rounds {
     uint64_t cells_bytes;            /* for cells, all threads together */
     uint64_t usual_cells, all_bytes; /* of cells as they are planned; for both */
     int stage;
-    uint32_t order, stuck;  /* index of order[]; rounds */
-    uint64_t slow_vertices; /* of slow rounds in order */
-    uint32_t apart;         /* rounds whose cells have hardly a ring */
-    bool lone;              /* one cell has all, but for what is aside */
+    uint32_t order, carrying_order; /* RINGS … LOOSEST; of rounds that carry hubs */
+    uint32_t stuck, vain;           /* rounds */
+    uint64_t slow_vertices;         /* of slow rounds in order */
+    uint32_t apart;                 /* rounds whose cells have hardly a ring */
+    bool lone;                      /* one cell has all, but for what is aside */
     uint32_t cell_vertices, sample_every;
     uint32_t vertices, cells; /* of this round */
     uint64_t simplices;
@@ -112,9 +113,10 @@ typedef struct rounds {
     mni_sort *samples;        /* of what is left */
     uint32_t taken, numbered; /* cells */
     bool taking;
-    uint64_t used_bytes;   /* by the cells that are open */
-    mni_frozen_table told; /* what hubs have come to */
-    uint32_t inside;       /* vertices with all of their ring in their cell */
+    uint64_t used_bytes;           /* by the cells that are open */
+    mni_frozen_table told;         /* what hubs have come to */
+    uint32_t inside;               /* vertices with all of their ring in their cell */
+    uint32_t could_go[MNI_LEVELS]; /* of these, by the least level */
     mni_aside aside;
     mni_history *history;
     mn_code code;
@@ -283,6 +285,8 @@ static mn_code number_cell(rounds *r, uint32_t c, mni_cell *cell, mn_status *st)
     }
     mni_cell_forget(cell);
     r->inside += cell->inside;
+    for (int level = 0; level < MNI_LEVELS; level++)
+        r->could_go[level] += cell->could_go[level];
     mni_cell_tell_hubs(cell, &r->told);
     if (r->carries)
         mni_frozen_copy(&r->frozen, &r->told);
@@ -311,13 +315,21 @@ static mn_code open_dealt(job *j, const mni_cell_desc *desc, mn_status *st) {
     return code;
 }
 
+static uint32_t order_of(const rounds *r) {
+    return r->carries ? r->carrying_order : r->order;
+}
+
+static int level_of(uint32_t order) {
+    return order == RINGS ? 0 : (int)order - IN_ORDER;
+}
+
 /* What there is becomes a cell. */
 static mn_code open_cell(rounds *r, job *j, mn_status *st) {
     mni_cell_desc desc = {.metric = r->desc.metric,
                           .whole = r->whole,
                           .stage = r->stage,
-                          .slack = order[r->order].slack,
-                          .rings = order[r->order].rings,
+                          .slack = ldexp(1, mni_wait_log2(level_of(order_of(r)))),
+                          .rings = order_of(r) == RINGS,
                           .frozen = r->stage < 4 || r->whole ? &r->frozen : NULL,
                           .carries = r->carries,
                           .points = r->aside.all,
@@ -384,6 +396,7 @@ static mn_code run_round(rounds *r) {
     pthread_t thread[THREADS_MAX];
     uint32_t started = 0;
     r->taken = r->numbered = r->inside = 0;
+    memset(r->could_go, 0, sizeof r->could_go);
     while (started + 1 < r->desc.threads && pthread_create(&thread[started], NULL, worker, r) == 0)
         started++;
     worker(r);
@@ -513,7 +526,7 @@ static bool stays_in_order(rounds *r, uint32_t before, bool stuck) {
 /* From the next round on vertices are points. */
 static void set_aside(rounds *r) {
     r->stage = 4;
-    r->order = 0;
+    r->order = RINGS;
     r->aside.all = true;
 }
 
@@ -526,21 +539,48 @@ static void grow(rounds *r) {
 }
 
 static void loosen_stage(rounds *r) {
-    r->stuck = 0;
+    r->stuck = r->vain = 0;
     if (r->stage == 3) {
         grow(r);
         return;
     }
     r->stage++;
-    r->order = 0;
+    r->order = RINGS;
+    r->carrying_order = IN_ORDER;
 }
 
-static void loosen(rounds *r) {
-    r->stuck = 0;
-    if (r->order < LOOSEST)
-        r->order++;
-    else
+/* By what could go in this round: the least order in which enough of it does. */
+static uint32_t least_order(const rounds *r, uint32_t before) {
+    uint64_t all = 0, some = 0;
+    for (int level = 0; level < MNI_LEVELS; level++)
+        all += r->could_go[level];
+    uint64_t enough = all / 2 < before / SLOW_PART ? all / 2 : before / SLOW_PART;
+    uint32_t order = IN_ORDER;
+    while (order < LOOSEST && (some += r->could_go[level_of(order)]) < enough)
+        order++;
+    return order;
+}
+
+/* Whether it has nothing to do with the order that so few have gone. */
+static bool in_vain(const rounds *r, uint32_t order, uint32_t before) {
+    uint64_t all = 0;
+    for (int level = 0; level < MNI_LEVELS; level++)
+        all += r->could_go[level];
+    return order == LOOSEST || all * STUCK_PART < before;
+}
+
+/* After a slow round in the order *of; those that carry hubs have one of their own. */
+static void loosen(rounds *r, uint32_t *of, uint32_t before, bool stuck) {
+    uint32_t least = least_order(r, before);
+    if (!stuck || !in_vain(r, *of, before)) {
+        r->stuck = of == &r->order ? 0 : r->stuck;
+        r->vain = 0;
+        *of = stuck && least <= *of ? *of + 1 : least;
+    } else if (++r->vain < VAIN_ROUNDS) {
+        r->carries = r->frozen.count > 0;
+    } else {
         loosen_stage(r);
+    }
 }
 
 /* One cell has all that is left, but for what is aside: nothing waits but for stages to come. */
@@ -550,7 +590,8 @@ static void go_on_alone(rounds *r) {
     else if (r->lone)
         r->stage++;
     r->lone = r->carries = true;
-    r->order = 0;
+    r->order = RINGS;
+    r->carrying_order = IN_ORDER;
 }
 
 /* What the next round is to do, by what this one has done. */
@@ -560,6 +601,7 @@ static void go_on(rounds *r, uint32_t before, uint32_t made) {
     if (r->stage == 4)
         return;
     bool inside = (uint64_t)r->inside * 2 > before, carried = r->carries;
+    uint32_t *of = carried ? &r->carrying_order : &r->order;
     r->apart = (uint64_t)r->inside * INSIDE_PART < before ? r->apart + 1 : 0;
     r->carries = false;
     if (largest_cell(r) > usual_bytes((uint64_t)GROWN_MAX * r->desc.cell_vertices) ||
@@ -571,8 +613,11 @@ static void go_on(rounds *r, uint32_t before, uint32_t made) {
         r->stage = 4;
         r->history->counts.components = r->vertices + r->frozen.count;
     } else if (!slow) {
-        r->order -= r->order > IN_ORDER || (r->order == IN_ORDER && fair);
-        r->stuck = 0;
+        if (*of > IN_ORDER)
+            *of = least_order(r, before);
+        else if (fair)
+            *of = RINGS;
+        r->stuck = r->vain = 0;
     } else if (r->apart >= APART_ROUNDS) {
         r->apart = 0;
         grow(r);
@@ -580,17 +625,11 @@ static void go_on(rounds *r, uint32_t before, uint32_t made) {
         r->carries = !carried;
         if (carried)
             loosen_stage(r);
-    } else if (r->order == IN_ORDER) {
-        if (!stays_in_order(r, before, stuck))
-            loosen(r);
-    } else if (r->order < LOOSEST) {
-        loosen(r);
-    } else if (!stuck) {
+    } else if (*of == RINGS) {
+        *of = IN_ORDER;
         r->stuck = 0;
-    } else if (++r->stuck < STUCK_ROUNDS) {
-        r->carries = r->frozen.count > 0;
-    } else {
-        loosen(r);
+    } else if (carried || *of > IN_ORDER || !stays_in_order(r, before, stuck)) {
+        loosen(r, of, before, stuck);
     }
 }
 
@@ -656,6 +695,7 @@ static mn_code open_deal(rounds *r) {
 static mn_code all_rounds(rounds *r) {
     mn_code code = MN_OK;
     r->stage = 1;
+    r->carrying_order = IN_ORDER;
     for (r->round = 0; code == MN_OK && !r->whole; r->round++) {
         uint32_t before = r->history->collapses, vertices = r->vertices;
         code = r->round == 0 ? open_deal(r) : make_room(r, largest_cell(r));

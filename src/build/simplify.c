@@ -555,8 +555,8 @@ static void check_order(mni_simplifier *s, uint32_t r, mni_heap_key key) {
     mni_heap_key least = of_r < of_k ? of_r : of_k;
     if (least == MNI_HEAP_KEY_NONE)
         return;
-    float cost = mni_heap_key_cost(least), by = mni_heap_key_cost(key) / cost;
-    by = cost > 0 && by < FLT_MAX ? by : FLT_MAX;
+    float by = mni_heap_key_cost(key) / fmaxf(mni_heap_key_cost(least), MNI_WAIT_LEAST);
+    by = by < FLT_MAX ? by : FLT_MAX;
     s->counts.order_violations++;
     if (by > s->counts.order_violation_worst)
         s->counts.order_violation_worst = by;
@@ -587,6 +587,32 @@ static void wake_kept(mni_simplifier *s, uint32_t k) {
     mni_heap_set(&s->heap, k, v->floor);
 }
 
+static bool is_joined_to_hub(mni_simplifier *s, uint32_t v) {
+    uint32_t count;
+    const uint32_t *fan = mni_surface_fan(&s->surface, v, &count);
+    for (uint32_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            uint32_t n = s->surface.simplex[fan[i]].v[c];
+            if (n != MN_NONE && s->surface.vertex[n].hub)
+                return true;
+        }
+    return false;
+}
+
+/* What is known of the order of r → k, which is about to be made: by which factor it may cost more
+ * than a legal one beside it; or nothing, since hubs rest, or their other neighbours are not here.
+ */
+static void count_order(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
+    const mni_vertex *vertex = s->surface.vertex;
+    double ratio = mni_wait_count(&s->part, r, k, key);
+    if (vertex[k].hub && key_of(s, r, k) > key)
+        ratio = fmax(ratio, 1) * mni_heap_key_cost(key_of(s, r, k)) / mni_heap_key_cost(key);
+    if (ratio >= 1 && ratio > s->counts.order_violation_bound)
+        s->counts.order_violation_bound = (float)fmin(ratio * (1 + DBL_EPSILON), FLT_MAX);
+    bool at_hub = s->part.carries && (is_joined_to_hub(s, r) || is_joined_to_hub(s, k));
+    s->counts.order_unknown += at_hub || vertex[r].hub;
+}
+
 static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     mni_judge *j = &s->judge;
     mni_vertex *vertex = s->surface.vertex;
@@ -598,6 +624,8 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
         check_order(s, r, key);
     if (checked || s->stage == 3) /* otherwise the ring is still that of the legality test */
         mni_judge_look(j, &s->surface, r, k);
+    if (s->part.closed != NULL || s->hubs.taken > 0)
+        count_order(s, r, k, key);
     if (!(j->round ? mni_surface_collapse_round(&s->surface, &j->wheel, r, k, s->made.count)
                    : mni_surface_collapse(&s->surface, r, k, s->made.count)))
         return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
@@ -656,9 +684,10 @@ static bool may_be_allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
 /* Whether r → k, the least that is left, is not to be made: then it may hold up others. */
 static bool put_off(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
     const mni_heap_key *closed = s->part.closed;
-    if (closed != NULL && closed[k] > 0 && s->surface.vertex[k].hub && !mni_freeze_sees(s, r, k))
-        return true;
-    if (closed == NULL || !mni_wait_closed(&s->part, r, k, key))
+    if (closed == NULL)
+        return false;
+    bool unseen = closed[k] > 0 && s->surface.vertex[k].hub && !mni_freeze_sees(s, r, k);
+    if (!unseen && !mni_wait_closed(&s->part, r, k, key))
         return false;
     if (mni_wait_would_close(&s->part, r, k, key) && may_be_allowed(s, r, k))
         mni_wait_close(s, r, k, key);
@@ -671,6 +700,38 @@ static bool has_risen(const mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_
     mni_heap_key now = key_of(s, r, k);
     return now > key && (!s->surface.vertex[k].hub ||
                          mni_heap_key_cost(now) > HUB_RISE * mni_heap_key_cost(key));
+}
+
+/* By which factor v's cheapest that waits costs more than what it waits for; INFINITY: none does.
+ */
+static double waits_by(mni_simplifier *s, uint32_t v) {
+    double least = INFINITY;
+    uint32_t count;
+    mni_surface_fan(&s->surface, v, &count);
+    for (uint32_t i = 0; i < count; i++) {
+        const mni_simplex x =
+            s->surface.simplex[s->surface.pool[s->surface.vertex[v].fan.first + i]];
+        for (int c = 0; c < 3; c++) {
+            uint32_t k = x.v[c];
+            if (k == v || k == MN_NONE || s->part.closed[k] == 0)
+                continue;
+            mni_heap_key key = key_of(s, v, k);
+            double ratio = mni_wait_ratio(&s->part, v, k, key);
+            if (mni_wait_closed(&s->part, v, k, key) && ratio < least && allowed(s, v, k))
+                least = ratio;
+        }
+    }
+    return least;
+}
+
+void mni_simplify_count_waiting(mni_simplifier *s) {
+    for (uint32_t v = 0; v < s->surface.vertices; v++) {
+        const mni_vertex *of = &s->surface.vertex[v];
+        double ratio =
+            of->node != MN_NONE && s->part.closed[v] > 0 && !of->hub ? waits_by(s, v) : INFINITY;
+        if (ratio < INFINITY)
+            s->part.could_go[mni_wait_level(ratio)]++;
+    }
 }
 
 static mn_code no_memory(const mni_simplifier *s) {

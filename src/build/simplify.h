@@ -70,6 +70,9 @@ typedef struct mni_collapses {
     uint32_t count;
 } mni_collapses;
 
+/* How much out of order collapses may come (wait.h). */
+enum { MNI_LEVELS = 13 };
+
 /* What is known of a part only of the surface, at the edge of which it must not be changed. */
 typedef struct mni_part {
     /* A vertex: no collapse with it from this key on. 0: its ring is not all here. Where a collapse
@@ -78,9 +81,12 @@ typedef struct mni_part {
     mni_heap_key *closed;
     float *ring;  /* a vertex: all of its ring is closed from this cost on; INFINITY: it is not */
     float *key;   /* a vertex's node's: the largest cost of the collapses that it has waited for */
-    float slack;  /* by which factor a collapse may cost more than one beside it that is put off */
+    double slack; /* by which factor a collapse may cost more than one beside it that is put off */
     bool rings;   /* what is put off makes the rings of its ends wait as well */
-    uint32_t *id; /* the vertices' numbers; NULL: as they are here */
+    bool carries; /* frozen hubs take what there is for them here */
+    uint32_t
+        could_go[MNI_LEVELS]; /* vertices that went or could have, by the least level (wait.h) */
+    uint32_t *id;             /* the vertices' numbers; NULL: as they are here */
 } mni_part;
 
 enum { MNI_PROGRAM_BYTES = 7 << 19 }; /* code, libraries, stack, buffers */
@@ -144,6 +150,8 @@ void mni_simplify_close(mni_simplifier *s);
 void mni_simplify_look(mni_simplifier *s);
 /* A stage, 1 … 3, until nothing more can be done. */
 mn_code mni_simplify_stage(mni_simplifier *s, int stage);
+/* Of a part: counts what waits though all of its ring is here, by the least level (wait.h). */
+void mni_simplify_count_waiting(mni_simplifier *s);
 /* The values of nodes that are no children. */
 void mni_simplify_settle(mni_simplifier *s);
 /* Records the collapse of r into k in the tree: the surface has been changed. MN_FAILED: memory. */

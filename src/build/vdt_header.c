@@ -2,6 +2,7 @@
  * No memory; one thread a file; reading blocks on the disk. Paper: none. */
 #include "vdt_header.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 #include <xxhash.h>
@@ -23,6 +24,20 @@ static uint64_t place_sections(mni_vdt_header *h) {
         at += bytes[i];
     }
     return at;
+}
+
+/* A float ≥ 0 in 16 bits, never less. */
+static uint16_t upper_half(float of) {
+    uint32_t bits;
+    memcpy(&bits, &of, sizeof bits);
+    return (uint16_t)((bits + UINT16_MAX) >> 16);
+}
+
+static float whole_of(uint16_t upper_half) {
+    uint32_t bits = (uint32_t)upper_half << 16;
+    float of;
+    memcpy(&of, &bits, sizeof of);
+    return of < FLT_MAX ? of : FLT_MAX;
 }
 
 static uint64_t checksum_of(const mni_vdt_header *h) {
@@ -54,12 +69,17 @@ void mni_vdt_header_make(mni_vdt_header *h, const mn_tree *t, bool has_colors,
     uint64_t intake[8] = {in->input_faces,     in->duplicate_faces,   in->degenerate_faces,
                           in->nonfinite_faces, in->misoriented_faces, in->unused_vertices,
                           in->welded_vertices, in->merged_positions};
-    uint64_t counts[8] = {
-        c->nonmanifold_edges,     c->boundary_edges,        c->components,
-        c->collapses_by_stage[0], c->collapses_by_stage[1], c->collapses_by_stage[2],
-        c->collapses_by_stage[3], c->order_violations};
+    uint64_t counts[8] = {c->nonmanifold_edges,
+                          c->boundary_edges,
+                          c->components,
+                          c->collapses_by_stage[0],
+                          c->collapses_by_stage[1],
+                          c->collapses_by_stage[2],
+                          c->collapses_by_stage[3],
+                          c->order_violations | c->order_unknown << 32};
     h->rounds = (uint32_t)c->rounds;
     h->order_violation_worst = c->order_violation_worst;
+    h->order_violation_bound = upper_half(c->order_violation_bound);
     memcpy(h->intake, intake, sizeof intake);
     memcpy(h->counts, counts, sizeof counts);
     h->file_bytes = place_sections(h);
@@ -98,6 +118,7 @@ static mn_code check(const mni_vdt_header *h, uint64_t size_bytes, const char *p
     FIELD(h->metric == MN_METRIC_QEM || h->metric == MN_METRIC_LENGTH, "metric");
     FIELD(h->flags <= FLAG_COLORS, "flags");
     FIELD(h->order_violation_worst >= 0, "order_violation_worst");
+    FIELD(h->order_violation_worst <= whole_of(h->order_violation_bound), "order_violation_bound");
     FIELD(h->grid_step == 0 || mni_grid_ok(h->grid_step), "grid_step");
     for (int i = 0; i < 3; i++)
         FIELD(isfinite(h->origin[i]), "origin");
@@ -127,8 +148,10 @@ static void take_facts(const mni_vdt_header *h, mn_tree *t) {
                               .boundary_edges = c[1],
                               .components = c[2],
                               .collapses_by_stage = {c[3], c[4], c[5], c[6]},
-                              .order_violations = c[7],
+                              .order_violations = c[7] & UINT32_MAX,
+                              .order_unknown = c[7] >> 32,
                               .order_violation_worst = h->order_violation_worst,
+                              .order_violation_bound = whole_of(h->order_violation_bound),
                               .rounds = h->rounds}};
     memcpy(t->origin, h->origin, sizeof t->origin);
 }

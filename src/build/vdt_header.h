@@ -13,7 +13,8 @@ typedef struct mni_vdt_header {
     uint64_t build_id, file_bytes;
     uint32_t leaves, inner, simplices, triangles;
     uint32_t roots, legal_last, depth_max, metric;
-    uint32_t flags;
+    uint16_t flags;
+    uint16_t order_violation_bound; /* the upper half of a float */
     float grid_step;
     double origin[3];
     uint64_t intake[8], counts[8];

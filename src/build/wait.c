@@ -1,8 +1,10 @@
 /* See wait.h. Hidden here: how far what is closed reaches. */
 #include "wait.h"
 
+/* Hubs that take what there is for them do not wait: nobody knows what there is in other cells. */
 static void close_vertex(mni_simplifier *s, uint32_t v, mni_heap_key from) {
-    if (from < s->part.closed[v])
+    bool takes = s->part.carries && s->surface.vertex[v].hub && mni_hubs_of(&s->hubs, v)->frozen;
+    if (from < s->part.closed[v] && !takes)
         s->part.closed[v] = from;
 }
 
@@ -28,11 +30,32 @@ static void close_ring(mni_simplifier *s, uint32_t v, float cost) {
 
 void mni_wait_close(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
     bool here = s->part.closed[r] > 0;
-    float cost = mni_heap_key_cost(key) * s->part.slack;
+    float cost = mni_wait_from(&s->part, mni_heap_key_cost(key));
     close_vertex(s, r, mni_wait_key(cost, mni_heap_key_kept(key)));
     close_vertex(s, k, mni_wait_key(cost, mni_heap_key_kept(key)));
     if (here && s->part.rings) {
         close_ring(s, r, MNI_WAIT_RING * cost);
         close_ring(s, k, MNI_WAIT_RING * cost);
     }
+}
+
+double mni_wait_ratio(const mni_part *p, uint32_t r, uint32_t k, mni_heap_key key) {
+    mni_heap_key from = p->closed[r] < p->closed[k] ? p->closed[r] : p->closed[k];
+    if (from == MNI_HEAP_KEY_NONE)
+        return 0;
+    double cost = fmin((double)mni_heap_key_cost(from), FLT_MAX) / p->slack;
+    return (double)mni_heap_key_cost(key) / fmax(cost, (double)MNI_WAIT_LEAST);
+}
+
+int mni_wait_level(double ratio) {
+    int level = 0;
+    while (level + 1 < MNI_LEVELS && ratio > ldexp(1, mni_wait_log2(level)))
+        level++;
+    return level;
+}
+
+double mni_wait_count(mni_part *p, uint32_t r, uint32_t k, mni_heap_key key) {
+    double ratio = p->slack > 1 ? mni_wait_ratio(p, r, k, key) : 0;
+    p->could_go[mni_wait_level(ratio)]++;
+    return ratio;
 }

@@ -8,6 +8,7 @@
 #ifndef MNI_WAIT_H
 #define MNI_WAIT_H
 
+#include <float.h>
 #include <math.h>
 
 #include "simplify.h"
@@ -21,6 +22,24 @@
  *     4                  0.47 and 0.52    1.2 % and 1.8 %
  *     rings not closed                    2.5 % to 3 % */
 #define MNI_WAIT_RING 3.0f
+
+/* Where next to nothing waits any more: costs below this, which are rounding, count as this. */
+#define MNI_WAIT_LEAST FLT_MIN
+
+/* By which factor a collapse of a level may cost more than what waits beside it, as a power of two.
+ * On the last level all that costs anything may go. */
+static inline int mni_wait_log2(int level) {
+    static const uint8_t log2[MNI_LEVELS] = {
+        0, 1, 2, 3, 4, 6, 8, 12, 16, 32, 64, 128, FLT_MAX_EXP - FLT_MIN_EXP + 1};
+    return log2[level];
+}
+
+/* From which cost on something is closed that is put off at this one. */
+static inline float mni_wait_from(const mni_part *p, float cost) {
+    if (p->slack > 1)
+        cost = (float)(fmax((double)cost, (double)MNI_WAIT_LEAST) * p->slack);
+    return cost;
+}
 
 /* From where on a vertex that waits for such a cost is closed. 0 is for vertices of other cells. */
 static inline mni_heap_key mni_wait_key(float cost, uint32_t kept) {
@@ -36,9 +55,7 @@ static inline bool mni_wait_closed(const mni_part *p, uint32_t r, uint32_t k, mn
 /* Whether to put it off would close what is open. */
 static inline bool mni_wait_would_close(const mni_part *p, uint32_t r, uint32_t k,
                                         mni_heap_key key) {
-    if (!(p->slack < INFINITY))
-        return false;
-    float cost = mni_heap_key_cost(key) * p->slack;
+    float cost = mni_wait_from(p, mni_heap_key_cost(key));
     mni_heap_key from = mni_wait_key(cost, mni_heap_key_kept(key));
     if ((p->closed[r] > from) | (p->closed[k] > from))
         return true;
@@ -52,6 +69,14 @@ void mni_wait_close(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key)
 static inline bool mni_wait_is_idle(const mni_part *p, uint32_t r, uint32_t k, mni_heap_key key) {
     return mni_wait_closed(p, r, k, key) && !mni_wait_would_close(p, r, k, key);
 }
+
+/* By which factor r → k costs more than what waits for it; 0: nothing does. */
+double mni_wait_ratio(const mni_part *p, uint32_t r, uint32_t k, mni_heap_key key);
+/* r → k is about to be made: it is counted by the least level on which it may be. Returns the
+ * ratio, on a level without order. */
+double mni_wait_count(mni_part *p, uint32_t r, uint32_t k, mni_heap_key key);
+/* The least level on which r → k may be made. */
+int mni_wait_level(double ratio);
 
 /* n has come into v's ring, which may wait. */
 static inline void mni_wait_meet(mni_part *p, uint32_t v, uint32_t n) {

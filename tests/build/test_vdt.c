@@ -2,6 +2,7 @@
  * Method: trees by lot, forests, chains and single vertices written and read back; rows compared
  * with what each node is by its definition. */
 #include <check.h>
+#include <float.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -85,6 +86,27 @@ static void round_trip(const mn_tree *tree) {
     walk_through(path, tree);
 }
 
+/* What a header says of the order: the bound is never less, and hardly more. */
+static void order_is_kept(const mn_tree *tree) {
+    static const float bounds[] = {0, 1, 1.0625f, 3.1415927f, 255.99f, 1e30f, FLT_MAX};
+    const char *path = fixture_path("order.vdt");
+    for (size_t i = 0; i < sizeof bounds / sizeof bounds[0]; i++) {
+        mn_status st = {0};
+        mn_tree of = *tree, back;
+        of.counts.order_violations = UINT32_MAX - i;
+        of.counts.order_unknown = UINT32_MAX / 2 + i;
+        of.counts.order_violation_bound = of.counts.order_violation_worst = bounds[i];
+        ck_assert_msg(mn_tree_write(path, &of, &st) == MN_OK, "%s", st.text);
+        ck_assert_msg(mn_tree_read(path, &back, &st) == MN_OK, "%s", st.text);
+        ck_assert_uint_eq(back.counts.order_violations, of.counts.order_violations);
+        ck_assert_uint_eq(back.counts.order_unknown, of.counts.order_unknown);
+        ck_assert(back.counts.order_violation_worst == bounds[i]);
+        ck_assert(back.counts.order_violation_bound >= bounds[i]);
+        ck_assert((double)back.counts.order_violation_bound <= (double)bounds[i] * 1.01);
+        mn_tree_free(&back);
+    }
+}
+
 /* A forest by lot: so many roots, of which some are lone leaves; all in one place. */
 typedef enum shape { BY_LOT = 0, TO_THE_RIGHT, TO_THE_LEFT } shape;
 static void forest(uint32_t leaves, uint32_t roots, shape kind, uint64_t *state, mn_tree *t) {
@@ -137,6 +159,7 @@ START_TEST(any_shape_comes_back) {
         mn_tree_free(&tree);
         fixture_tree(&mesh, &tree);
         round_trip(&tree);
+        order_is_kept(&tree);
         mn_tree_free(&tree);
         mn_mesh_free(&mesh);
     }

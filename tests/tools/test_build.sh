@@ -13,8 +13,8 @@ expect 0 build in.ply -o a.mnt --json
 for key in vertices triangles input_faces duplicate_faces degenerate_faces nonfinite_faces \
     misoriented_faces unused_vertices welded_vertices merged_positions nonmanifold_edges \
     boundary_edges components roots nodes hinges collapses_by_stage virtual_collapses legal_last \
-    depth_max block_depth blocks fill_mean order_violations order_violation_worst rounds \
-    collapses_per_second \
+    depth_max block_depth blocks fill_mean order_violations order_violation_worst \
+    order_violation_bound order_unknown rounds collapses_per_second \
     seconds_read seconds_simplify seconds_order seconds_block bytes_read bytes_written file_bytes \
     bytes_read_read bytes_read_simplify bytes_read_order bytes_read_block bytes_written_read \
     bytes_written_simplify bytes_written_order bytes_written_block temp_bytes_planned temp_bytes_peak \
