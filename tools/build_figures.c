@@ -56,6 +56,8 @@ static void json_phase(json *j, const char *name, const mn_phase_figures *phase)
     char key[40];
     snprintf(key, sizeof key, "seconds_%s", name);
     json_f64(j, key, phase->seconds);
+    snprintf(key, sizeof key, "cpu_seconds_%s", name);
+    json_f64(j, key, phase->cpu_seconds);
     snprintf(key, sizeof key, "bytes_read_%s", name);
     json_u64(j, key, phase->bytes_read);
     snprintf(key, sizeof key, "bytes_written_%s", name);
@@ -78,7 +80,7 @@ static void report_json(const build_steps *b) {
     const mn_header *h = &b->header;
     const sums s = add_up(b);
     const mn_phase_figures block = {b->blocked.seconds_block, b->blocked.bytes_read,
-                                    b->blocked.bytes_written};
+                                    b->blocked.bytes_written, b->blocked.cpu_seconds_block};
     json j;
     json_begin(&j, stdout);
     build_json_tree(&j, t);

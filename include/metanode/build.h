@@ -238,7 +238,7 @@ typedef struct mn_block_desc {
 } mn_block_desc;
 
 typedef struct mn_block_counts {
-    double seconds_block;
+    double seconds_block, cpu_seconds_block;
     uint64_t bytes_read; /* of the tree, where it is on disk */
     uint64_t bytes_written;
 } mn_block_counts;
@@ -262,6 +262,7 @@ typedef struct mn_vdt mn_vdt;
 typedef struct mn_phase_figures {
     double seconds;
     uint64_t bytes_read, bytes_written; /* of all files */
+    double cpu_seconds;                 /* of the process, all threads together */
 } mn_phase_figures;
 typedef struct mn_vdt_figures {
     mn_phase_figures read, simplify, order; /* those that were gone through */

@@ -465,7 +465,7 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
     mn_status why = {0};
     mn_block_counts count = {0};
     mni_out out = {.fd = -1};
-    double started_s = mni_now_s();
+    const double started_s = mni_now_s(), started_cpu_s = mni_cpu_s();
     header = header != NULL ? header : &scratch;
     memset(header, 0, sizeof *header);
     mn_code code = check_counts(head, source, &why);
@@ -490,6 +490,7 @@ mn_code mni_block_rows(const char *path, const mn_tree *head, const mni_rows_sou
         code = mni_out_commit(&out, &why);
     mni_out_abort(&out);
     count.seconds_block = mni_now_s() - started_s;
+    count.cpu_seconds_block = mni_cpu_s() - started_cpu_s;
     if (code == MN_OK && counts != NULL)
         *counts = count;
     if (code == MN_BAD_INPUT && source->name != NULL)

@@ -41,7 +41,7 @@ static mn_code know_child(mni_plan *plan, mni_draft *draft, uint32_t parent, uin
         return MN_OK;
     memcpy(made.position, side == 0 ? p->position : p->row.position, sizeof made.position);
     mni_place place = {lo, hi, {made.position[0], made.position[1], made.position[2]}};
-    if (!mni_rows_get(plan->rows, made.at, &made.row, &made.simplex_end))
+    if (!mni_rows_near_get(&plan->near, made.at, &made.row, &made.simplex_end))
         return no_room(plan);
     draft->known[parent].child[side] = draft->knowns;
     return know(plan, draft, &made, &place, p->row.order);
@@ -71,7 +71,7 @@ mn_code mni_draft_begin(mni_plan *plan, mni_draft *draft, const mni_exit *root, 
         memcpy(made.position, x->position, sizeof made.position);
         mni_place place = {x->leaf_lo, x->leaf_lo + x->nodes + 1, {0}};
         memcpy(place.position, x->position, sizeof place.position);
-        if (!mni_rows_get(plan->rows, x->row, &made.row, &made.simplex_end))
+        if (!mni_rows_near_get(&plan->near, x->row, &made.row, &made.simplex_end))
             return no_room(plan);
         mn_code code = know(plan, draft, &made, &place, x->order + 1);
         if (code != MN_OK)
@@ -94,7 +94,7 @@ void mni_draft_forget(mni_draft *draft, uint32_t knowns) {
 
 /* Those of a node that its own block has. NULL: a read that failed. */
 static const mni_row_simplex *simplices_of(mni_plan *plan, const mni_known *k, uint32_t count) {
-    return mni_rows_simplices(plan->rows, k->row.simplex_start, count, plan->simplex_room);
+    return mni_rows_near_simplices(&plan->near, k->row.simplex_start, count, plan->simplex_room);
 }
 
 static mni_child exit_of(const mni_draft *draft, uint32_t child) {

@@ -9,7 +9,9 @@
  * Which places are used is a bit each; with how many are before each eighth word of bits, that
  * renumbers them.
  *
- * Secret: the packing, the bits. One thread. (design.md §3.1, §3.3) */
+ * Edges are counted in a thread of their own, beside the merging of what was sorted.
+ *
+ * Secret: the packing, the bits. (design.md §3.1, §3.3) */
 #include "extintake.h"
 
 #include <math.h>
@@ -21,6 +23,7 @@
 #include "mn_assert.h"
 #include "exttriangles.h"
 #include "reader.h"
+#include "relay.h"
 
 typedef struct packed {
     uint64_t high, low;
@@ -126,6 +129,8 @@ static void count_used(mni_extintake *x) {
 
 /* The vertex that a place in use becomes. */
 static uint32_t vertex_of(const mni_extintake *x, uint32_t place) {
+    if (x->result.vertices == x->places) /* all are */
+        return place;
     uint32_t word = place / 64, w = word / MNI_EXT_RANK_WORDS * MNI_EXT_RANK_WORDS;
     uint32_t rank = x->used_before[word / MNI_EXT_RANK_WORDS];
     for (; w < word; w++)
@@ -136,13 +141,27 @@ static uint32_t vertex_of(const mni_extintake *x, uint32_t place) {
 
 /* ---- all of them ----------------------------------------------------------------------------- */
 
+typedef struct numbered {
+    mni_exttriangle is;
+    uint32_t number;
+} numbered;
+
+static void add_edges(void *context, void *records, uint32_t count) {
+    const numbered *t = records;
+    for (uint32_t i = 0; i < count; i++)
+        mni_ext_edges_add(context, &t[i].is, t[i].number);
+}
+
 static bool write_triangles(mni_extintake *x) {
     mni_spill_writer w;
+    mni_relay edges;
     const packed *p;
     packed before = {0};
     uint32_t last = 0;
     uint64_t done = x->triangles;
     mni_spill_writer_open(&w, &x->result.triangle, x->buffer[0], x->buffer_bytes);
+    mni_relay_open(&edges, add_edges, x, sizeof(numbered), x->buffer[1], x->buffer_bytes,
+                   x->desc.threads);
     while ((p = mni_sort_next(x->triangle_sort, x->st)) != NULL &&
            mni_ext_tell_triangles(x, done++)) {
         bool twin =
@@ -151,15 +170,16 @@ static bool write_triangles(mni_extintake *x) {
             x->counts.duplicate_faces++;
             continue;
         }
-        mni_exttriangle t = unpack(p);
+        numbered t = {unpack(p), (uint32_t)(p->low >> 1)};
         before = *p;
         for (int i = 0; i < 3; i++)
-            t.corner[i] = vertex_of(x, t.corner[i]);
-        mni_exttriangle_put(&w, &t, &last);
-        mni_ext_edges_add(x, &t, (uint32_t)(p->low >> 1));
-        x->result.crossings += mni_exttriangle_crossings(&t);
+            t.is.corner[i] = vertex_of(x, t.is.corner[i]);
+        mni_exttriangle_put(&w, &t.is, &last);
+        mni_relay_put(&edges, &t);
+        x->result.crossings += mni_exttriangle_crossings(&t.is);
         x->result.triangles++;
     }
+    mni_relay_close(&edges);
     mni_spill_end(&w);
     return x->st->code == MN_OK && mni_ext_spill_good(x, &x->result.triangle);
 }

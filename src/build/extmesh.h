@@ -4,7 +4,7 @@
  *
  * What is kept, rejected and counted is what mn_mesh_read keeps, rejects and counts; only the order
  * is another: vertices along a Z-order curve, triangles by their smallest vertex, so that
- * neighbours are near each other in the files. One thread; calls may block on the disk. */
+ * neighbours are near each other in the files. One thread calls, and may block on the disk. */
 #ifndef MNI_EXTMESH_H
 #define MNI_EXTMESH_H
 
@@ -47,6 +47,7 @@ typedef struct mni_extmesh_desc {
     const char *temp_dir;   /* outlives the mesh */
     mn_watch watch;         /* of what comes after reading; zero: nobody */
     bool keep;              /* both are kept spills */
+    uint32_t threads;       /* 0: 1; of more than 2, 2 are used. The same for any */
 } mni_extmesh_desc;
 
 #define MNI_EXTMESH_WORK_MIN (UINT64_C(256) << 10)

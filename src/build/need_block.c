@@ -5,10 +5,10 @@
  *            trials have looked at below it, lists of exits, a subtree's rows, the bytes themselves
  *   levels   so many for each node of a full block: two drafts with the exits, a run each
  *
- * A thread beside the packer has copies of two drafts: where the cap has no room for them there is
- * none. All were measured, as peaks of the process: models of 0.1 to 0.7 M vertices with and
- * without colours, 8, 9 and 16 bits a position, blocks of 4 KiB to 1 MiB, 10 to 16 levels. Memory:
- * none. */
+ * To these come the pages of the tree that a thread keeps to itself. A thread beside the packer has
+ * copies of two drafts: where the cap has no room for them there is none. All were measured, as
+ * peaks of the process: models of 0.1 to 0.7 M vertices with and without colours, 8, 9 and 16 bits
+ * a position, blocks of 4 KiB to 1 MiB, 10 to 16 levels. Memory: none. */
 #include "need_block.h"
 
 #include "block.h"
@@ -25,7 +25,8 @@ enum {
     PACKED_NODE_THREAD = 800, /* 650 */
     LEVELS_NODE_BYTES = 1700, /* 1,600 where all that can be are exits */
     LEVELS_NODE_THREAD = 700, /* 550 */
-    THREAD_BYTES = 1 << 18,
+    NEAR_BYTES = 1 << 18,     /* a thread's own pages of the tree */
+    THREAD_BYTES = (1 << 18) + NEAR_BYTES,
 };
 
 static uint64_t min_u64(uint64_t a, uint64_t b) {
@@ -45,11 +46,12 @@ uint64_t mni_block_work(const mn_block_desc *desc, uint64_t leaves, bool threade
         const uint32_t l = desc->l != 0 ? desc->l : MNI_BLOCK_LEVELS;
         const uint32_t full = l < 16 ? (1u << l) - 1 : MNI_BLOCK_NODES_MAX;
         const uint64_t nodes = min_u64(full, leaves);
-        return nodes * (LEVELS_NODE_BYTES + (threaded ? LEVELS_NODE_THREAD : 0)) +
+        return NEAR_BYTES + nodes * (LEVELS_NODE_BYTES + (threaded ? LEVELS_NODE_THREAD : 0)) +
                (threaded ? THREAD_BYTES : 0);
     }
     const uint64_t length = desc->block_bytes != 0 ? desc->block_bytes : MNI_BLOCK_BYTES;
-    uint64_t bytes = MEASURES_BYTES + min_u64(PACKED_TIMES * length, PACKED_NODE_BYTES * leaves);
+    uint64_t bytes =
+        MEASURES_BYTES + NEAR_BYTES + min_u64(PACKED_TIMES * length, PACKED_NODE_BYTES * leaves);
     if (threaded)
         bytes += THREAD_BYTES + min_u64(PACKED_TIMES_THREAD * length, PACKED_NODE_THREAD * leaves);
     return bytes;

@@ -1,7 +1,8 @@
 /* What the making of any block needs: limits, memory, records.
  *
  * Hides: how long overflow blocks are and when a node needs them. Order: open, drafts and whole
- * subtrees, close. One thread a plan. Memory: the simplices of one node. Paper: §3.2. */
+ * subtrees, close. One thread a plan. Memory: the simplices of one node, some
+ * pages of the tree. Paper: §3.2. */
 #include "plan.h"
 
 #include <stdlib.h>
@@ -26,11 +27,14 @@ mn_code mni_plan_open(mni_plan *plan, const mn_tree *head, mni_rows *rows,
         .simplices_max = (packed ? overflow_bytes / 2 : overflow_bytes) / SIMPLEX_BYTES_MAX};
     mni_found_none(&plan->found);
     plan->simplex_room = malloc(sizeof *plan->simplex_room * plan->simplices_max);
-    return plan->simplex_room != NULL ? MN_OK : mni_plan_trouble(plan, "a plan of blocks");
+    return mni_rows_near_open(&plan->near, rows) && plan->simplex_room != NULL
+               ? MN_OK
+               : mni_plan_trouble(plan, "a plan of blocks");
 }
 
 void mni_plan_close(mni_plan *plan) {
     free(plan->simplex_room);
+    mni_rows_near_close(&plan->near);
     memset(plan, 0, sizeof *plan);
 }
 
@@ -76,7 +80,8 @@ void mni_plan_record(const mni_plan *plan, uint32_t at, const mni_row *row, uint
 /* ---- roots ---------------------------------------------------------------------------------- */
 
 static mn_code get(mni_plan *plan, uint32_t at, mni_row *row, uint32_t *simplex_end) {
-    return mni_rows_get(plan->rows, at, row, simplex_end) ? MN_OK : mni_plan_trouble(plan, "rows");
+    return mni_rows_near_get(&plan->near, at, row, simplex_end) ? MN_OK
+                                                                : mni_plan_trouble(plan, "rows");
 }
 
 /* Nodes of the root that begins with leaf lo. */

@@ -79,6 +79,7 @@ typedef struct mni_found {
 
 typedef struct mni_plan {
     mni_rows *rows;
+    mni_rows_near near;  /* of these */
     const mn_tree *head; /* counts */
     const mn_block_desc *desc;
     mn_status *st;

@@ -111,4 +111,20 @@ bool mni_rows_fill_run(mni_rows *rows, uint32_t first, uint32_t end, uint32_t si
                        mni_rows_run *run);
 void mni_rows_run_free(mni_rows_run *run);
 
+/* Some pages that a thread has copied for itself: who asks again and again for rows that are near
+ * each other takes no lock for most of them. One thread's. */
+enum { MNI_ROWS_NEAR_PAGES = 32, MNI_ROWS_NEAR_KINDS = 2 }; /* of rows, and of simplices */
+typedef struct mni_rows_near {
+    mni_rows *rows;
+    unsigned char *bytes;                                    /* NULL: rows are in memory */
+    uint32_t page[MNI_ROWS_NEAR_KINDS][MNI_ROWS_NEAR_PAGES]; /* by number; MN_NONE: none */
+} mni_rows_near;
+/* false: no memory. */
+bool mni_rows_near_open(mni_rows_near *near, mni_rows *rows);
+void mni_rows_near_close(mni_rows_near *near); /* harmless on a zeroed one */
+/* As mni_rows_get and mni_rows_simplices. */
+bool mni_rows_near_get(mni_rows_near *near, uint32_t at, mni_row *row, uint32_t *simplex_end);
+const mni_row_simplex *mni_rows_near_simplices(mni_rows_near *near, uint32_t first, uint32_t count,
+                                               mni_row_simplex *room);
+
 #endif

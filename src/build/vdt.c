@@ -278,7 +278,7 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
 
 static mn_code read_phase(maker *m) {
     mni_spill *const spills[] = {&m->mesh.vertex, &m->mesh.triangle};
-    double start_s = mni_now_s();
+    const double start_s = mni_now_s(), start_cpu_s = mni_cpu_s();
     uint32_t bits = m->simplify.position_bits;
     mni_in in;
     mn_code code = mni_grid_bits(&bits, m->st);
@@ -298,10 +298,11 @@ static mn_code read_phase(maker *m) {
                              .beside_bytes = BESIDE_BYTES,
                              .temp_dir = m->temp_dir,
                              .watch = m->watch,
-                             .keep = m->work != NULL};
+                             .keep = m->work != NULL,
+                             .threads = m->simplify.threads};
     code = mni_extmesh_read(m->in, &m->read, &desc, &m->mesh, m->st);
     m->vdt->figures.read = (mn_phase_figures){mni_now_s() - start_s, in_bytes + m->mesh.bytes_read,
-                                              m->mesh.bytes_written};
+                                              m->mesh.bytes_written, mni_cpu_s() - start_cpu_s};
     if (code == MN_OK && m->mesh.vertices >= MNI_COLLAPSE) /* ids from there on are nodes' */
         code = mn_fail(m->st, MN_BAD_INPUT,
                        "%s: has %llu vertices, more than the %u that can be simplified", m->in,
@@ -313,7 +314,7 @@ static mn_code read_phase(maker *m) {
 }
 
 static mn_code simplify_phase(maker *m) {
-    double start_s = mni_now_s();
+    const double start_s = mni_now_s(), start_cpu_s = mni_cpu_s();
     const mni_rounds_desc desc = {.metric = m->simplify.metric,
                                   .cell_vertices = m->simplify.cell_vertices,
                                   .threads = m->simplify.threads,
@@ -327,7 +328,8 @@ static mn_code simplify_phase(maker *m) {
         return code;
     m->history.counts.seconds_simplify = mni_now_s() - start_s;
     m->vdt->figures.simplify =
-        (mn_phase_figures){mni_now_s() - start_s, m->history.bytes_read, m->history.bytes_written};
+        (mn_phase_figures){mni_now_s() - start_s, m->history.bytes_read, m->history.bytes_written,
+                           mni_cpu_s() - start_cpu_s};
     mni_spill_close(&m->mesh.triangle);
     return keep_history(m);
 }
@@ -353,7 +355,7 @@ static void fill_head(maker *m) {
 
 static mn_code order_phase(maker *m) {
     mn_vdt *vdt = m->vdt;
-    double start_s = mni_now_s();
+    const double start_s = mni_now_s(), start_cpu_s = mni_cpu_s();
     mni_ordered ordered;
     const mni_order_desc desc = {.work_bytes = m->work_bytes,
                                  .temp_dir = m->temp_dir,
@@ -366,8 +368,8 @@ static mn_code order_phase(maker *m) {
     vdt->made = ordered.file;
     vdt->has_colors = m->mesh.has_colors;
     memcpy(vdt->sum, ordered.sum, sizeof vdt->sum);
-    vdt->figures.order =
-        (mn_phase_figures){mni_now_s() - start_s, ordered.bytes_read, ordered.bytes_written};
+    vdt->figures.order = (mn_phase_figures){mni_now_s() - start_s, ordered.bytes_read,
+                                            ordered.bytes_written, mni_cpu_s() - start_cpu_s};
     return keep_tree(m);
 }
 
@@ -524,9 +526,10 @@ static mn_code open_file(mn_vdt *vdt, const mn_watch *watch, mn_status *st) {
     if (code != MN_OK)
         return code;
     vdt->has_colors = mni_vdt_header_has_colors(&h);
-    const double start_s = mni_now_s();
+    const double start_s = mni_now_s(), start_cpu_s = mni_cpu_s();
     code = each_piece(vdt, "checking", watch, sum, NULL, NULL, st);
-    vdt->figures.read = (mn_phase_figures){mni_now_s() - start_s, vdt->file.size_bytes, 0};
+    vdt->figures.read = (mn_phase_figures){mni_now_s() - start_s, vdt->file.size_bytes, 0,
+                                           mni_cpu_s() - start_cpu_s};
     for (int i = 0; i < MNI_SECTIONS && code == MN_OK; i++) {
         vdt->sum[i] = sum[i];
         if (sum[i] != h.section[i].checksum)
@@ -539,13 +542,13 @@ static mn_code open_file(mn_vdt *vdt, const mn_watch *watch, mn_status *st) {
 }
 
 static mn_code open_blocks(mn_vdt *vdt, const mn_open_desc *desc, mn_status *st) {
-    const double start_s = mni_now_s();
+    const double start_s = mni_now_s(), start_cpu_s = mni_cpu_s();
     mni_ordered ordered;
     mn_code code = mni_mnt_spill(vdt->path, desc, &ordered, &vdt->head, &vdt->has_colors, st);
     vdt->made = ordered.file;
     memcpy(vdt->sum, ordered.sum, sizeof vdt->sum);
-    vdt->figures.read =
-        (mn_phase_figures){mni_now_s() - start_s, ordered.bytes_read, ordered.bytes_written};
+    vdt->figures.read = (mn_phase_figures){mni_now_s() - start_s, ordered.bytes_read,
+                                           ordered.bytes_written, mni_cpu_s() - start_cpu_s};
     return code;
 }
 

@@ -17,4 +17,9 @@ static inline double mni_now_s(void) {
     return 1e-9 * (double)mni_clock_ns(CLOCK_MONOTONIC);
 }
 
+/* Seconds of processors that the process has taken, all threads together. */
+static inline double mni_cpu_s(void) {
+    return 1e-9 * (double)mni_clock_ns(CLOCK_PROCESS_CPUTIME_ID);
+}
+
 #endif

@@ -149,6 +149,7 @@ static mn_code block(const filed *f, const mni_rows_source *source, const char *
 START_TEST(rows_are_read_as_they_stand) {
     filed f;
     mni_rows rows;
+    mni_rows_near near;
     mni_rows_run run = {0};
     mn_status st = {0};
     uint64_t state = fixture_seed(11);
@@ -158,6 +159,7 @@ START_TEST(rows_are_read_as_they_stand) {
     const uint64_t budget[] = {0, 1 << 17, 1 << 24};
     const mni_rows_source *source = _i < 3 ? &f.file : _i < 6 ? &f.packed : &f.memory;
     ck_assert(mni_rows_open(&rows, source, budget[_i % 3], &st) == MN_OK);
+    ck_assert(mni_rows_near_open(&near, &rows));
     for (uint32_t i = 0; i < 20000; i++) {
         uint32_t at = fixture_random(&state) % f.memory.rows, end;
         uint32_t next = at + 1 + fixture_random(&state) % (f.memory.rows - at);
@@ -171,6 +173,11 @@ START_TEST(rows_are_read_as_they_stand) {
                           at + 1 < f.memory.rows ? row[at + 1].simplex_start : f.memory.simplices);
         const mni_row_simplex *s = mni_rows_simplices(&rows, got.simplex_start, count, room);
         ck_assert(s != NULL && memcmp(s, simplex + got.simplex_start, count * sizeof *s) == 0);
+        ck_assert(mni_rows_near_get(&near, at, &got, &end));
+        ck_assert(memcmp(&got, &row[at], sizeof got) == 0);
+        ck_assert_uint_eq(end, got.simplex_start + count);
+        s = mni_rows_near_simplices(&near, got.simplex_start, count, room);
+        ck_assert(s != NULL && memcmp(s, simplex + got.simplex_start, count * sizeof *s) == 0);
         uint32_t most = i % 3 == 0 ? 100 : UINT32_MAX;
         ck_assert(mni_rows_fill_run(&rows, at, next, most, &run));
         ck_assert(memcmp(run.row, &row[at], (next - at) * sizeof got) == 0);
@@ -181,11 +188,14 @@ START_TEST(rows_are_read_as_they_stand) {
     }
     ck_assert(mni_rows_simplices(&rows, f.memory.simplices, 1, NULL) == NULL);
     ck_assert(mni_rows_simplices(&rows, MN_NONE, MN_NONE, NULL) == NULL);
+    ck_assert(mni_rows_near_simplices(&near, f.memory.simplices, 1, NULL) == NULL);
+    ck_assert(mni_rows_near_simplices(&near, MN_NONE, MN_NONE, NULL) == NULL);
     ck_assert(mni_rows_trouble(&rows, &st) == MN_OK);
     if (_i == 2) /* room for all: nothing is read twice */
         ck_assert_uint_eq(rows.bytes_read, f.size[MNI_ROWS] + f.size[MNI_SIMPLICES]);
     else if (_i < 2)
         ck_assert_uint_gt(rows.bytes_read, f.size[MNI_ROWS]);
+    mni_rows_near_close(&near);
     mni_rows_run_free(&run);
     mni_rows_close(&rows);
     close_filed(&f);

@@ -16,6 +16,7 @@ for key in vertices triangles input_faces duplicate_faces degenerate_faces nonfi
     depth_max block_depth blocks fill_mean order_violations order_violation_worst \
     order_violation_bound order_unknown rounds collapses_per_second \
     seconds_read seconds_simplify seconds_order seconds_block bytes_read bytes_written file_bytes \
+    cpu_seconds_read cpu_seconds_simplify cpu_seconds_order cpu_seconds_block \
     bytes_read_read bytes_read_simplify bytes_read_order bytes_read_block bytes_written_read \
     bytes_written_simplify bytes_written_order bytes_written_block temp_bytes_planned temp_bytes_peak \
     bytes_per_vertex ram_cap_bytes rss_peak_bytes l block_bytes metric blocking; do
