@@ -96,6 +96,17 @@ full_disk() {
         expect 4 "a full disk: $command" $command disk/log && one_line "a full disk: $command" disk/log space
         check "a full disk: $command: no half of it" test ! -e disk/log
     done
+    for command in "trace t.trace --to chrome -o" "trace t.trace --to report -o" "extract ball.mnt --error 0.0001 -o"; do
+        disk "a full disk" || return 0
+        head -c 100000 /dev/zero 2>/dev/null >disk/full || true # there are 64k
+        # shellcheck disable=SC2086
+        expect 4 "a full disk: $command" $command disk/out && one_line "a full disk: $command" disk/out space
+        rm disk/full
+        still "a full disk: $command" disk/out
+    done
+    expect 4 "a full disk for sorting" verify ball.mnt --against ball.ply --temp-dir disk &&
+        one_line "a full disk for sorting" disk "space"
+    still "a full disk for sorting" disk/out
     umount disk
     for command in "${logs[@]}"; do
         # shellcheck disable=SC2086
