@@ -719,6 +719,7 @@ static void early_pass(mni_navigator *nav) {
     uint32_t fetched = 0, count;
     nav->early_splits = true;
     early_agenda(nav);
+    mni_lacking_forget(&nav->lacking); /* what else those chains lack is to be told now */
     mni_store_early(front->store, MNI_AHEAD_SOON);
     for (;;) {
         if (nav->agenda.next >= fetched)

@@ -22,7 +22,11 @@
 #include "pool.h"
 #include "trace.h"
 
-enum { URGENT_DOWN_SPARE = 3 }; /* paper §3.3.2: a split adds at most two, one stays */
+enum {
+    URGENT_DOWN_SPARE = 3, /* paper §3.3.2: a split adds at most two, one stays */
+    PLENTY_SHARE = 6,      /* one in so many place holders is free: what is foreseen costs nobody */
+    BESIDE_FRAMES = 8,     /* later than most of what is foreseen */
+};
 
 /* ---- the rules ------------------------------------------------------------------------------- */
 
@@ -196,6 +200,31 @@ static mni_answer answer_refused(mni_pool *pool, const mni_wish *wish, int64_t l
     return MNI_REFUSED;
 }
 
+static bool is_there(const mni_holder *holder) {
+    return holder->state == MNI_HOLDER_LOADED || holder->state == MNI_HOLDER_FREED;
+}
+
+/* Forced splits wander: a chain that lacks a block often lacks one beside it next, and that is
+ * known when the first has come. So as long as places are plenty its siblings are foreseen, after
+ * all else. */
+static void foresee_beside(mni_pool *pool, const mni_wish *wish) {
+    MN_ASSERT(pool->locked);
+    const uint32_t at = mni_hashmap_find(&pool->by_id, wish->parent.id);
+    if (pool->prefetch != MN_PREFETCH_AHEAD || wish->way != MNI_WAY_DOWN ||
+        PLENTY_SHARE * pool->free.count < pool->holders.k || at == MNI_HASHMAP_NONE ||
+        !is_there(&pool->holders.holder[at]))
+        return;
+    const void *bytes = mni_holders_bytes(&pool->holders, at);
+    mni_frame frame;
+    mni_frame_get(bytes, &frame);
+    for (uint32_t i = 0; i < frame.refs; i++) {
+        const mn_block_ref ref = mni_frame_ref(bytes, i);
+        if (ref.id != wish->ref.id && ref.id != 0 &&
+            (uint64_t)ref.pages * MN_PAGE_BYTES <= pool->header->block_bytes_max)
+            (void)foresee(pool, ref, wish->parent.id, BESIDE_FRAMES);
+    }
+}
+
 /* The block is not there: grants it, if the rules allow, so that it is fetched. */
 static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, uint32_t own,
                           int64_t lacks) {
@@ -220,6 +249,7 @@ static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, u
     if (own == MNI_HASHMAP_NONE) {
         bool outside = wish->way == MNI_WAY_OVERFLOW || (wish->way == MNI_WAY_DOWN && wish->adds);
         own = attempt_grants(pool, wish, parent_id, outside);
+        foresee_beside(pool, wish);
     }
     if (own != MNI_HASHMAP_NONE) { /* no room: asked again in the next frame */
         pool->grants.grant[own].asked_frame = pool->frame;
@@ -228,10 +258,6 @@ static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, u
             mni_pool_pin_locked(pool, slot, true);
     }
     return answer_absent(pool);
-}
-
-static bool is_there(const mni_holder *holder) {
-    return holder->state == MNI_HOLDER_LOADED || holder->state == MNI_HOLDER_FREED;
 }
 
 static void touch(mni_pool *pool, uint32_t slot) {

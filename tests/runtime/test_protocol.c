@@ -297,6 +297,22 @@ START_TEST(what_is_refused_is_sought) {
 }
 END_TEST
 
+/* As long as places are plenty, what stands beside an absent block is fetched after it. */
+START_TEST(what_stands_beside_is_foreseen) {
+    open_pool_as(MN_BLOCKING_PACKED, 127, MN_PREFETCH_AHEAD, 60);
+    ck_assert_int_eq(enter(1), MNI_ABSENT);
+    next_frame();
+    mni_command command = fetch(1);
+    ck_assert_int_eq(command.kind, MNI_COMMAND_URGENT_DOWN);
+    end(command.kind, MNI_END_GIVEN_UP);
+    command = fetch(2);
+    ck_assert_int_eq(command.kind, MNI_COMMAND_PREFETCH);
+    ck_assert_int_eq(command.places, MNI_PLACES_SPARE);
+    end(command.kind, MNI_END_GIVEN_UP);
+    close_pool();
+}
+END_TEST
+
 /* While only what is there has its turn, what is absent is fetched and takes no room; then it is
  * granted as ever. */
 START_TEST(what_is_absent_comes_after) {
@@ -359,6 +375,7 @@ int main(void) {
     tcase_add_test(tests, a_block_that_comes_is_forgiven);
     tcase_add_test(tests, what_is_granted_keeps_its_room);
     tcase_add_test(tests, what_is_refused_is_sought);
+    tcase_add_test(tests, what_stands_beside_is_foreseen);
     tcase_add_test(tests, what_is_absent_comes_after);
     suite_add_tcase(suite, tests);
     return suite_run(suite);
