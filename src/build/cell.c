@@ -544,7 +544,8 @@ static mn_code keep_collapses(mni_cell *cell, mn_status *st) {
     return !endless ? MN_OK
                     : mn_fail(st, MN_BAD_INPUT,
                               "thousands of triangles without area follow each other: a tree of "
-                              "them is too deep; leave out such triangles");
+                              "them is too deep; leave them out, or, where the grid has "
+                              "flattened them, try --position-bits 23");
 }
 
 /* By collapse, in each as they stand. */
