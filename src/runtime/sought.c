@@ -37,5 +37,5 @@ void mni_sought_put(mni_sought *sought, mn_block_ref ref, uint32_t parent_id) {
 
 const mni_seek *mni_sought_find(const mni_sought *sought, uint32_t block_id) {
     const mni_seek *at = place(sought, block_id);
-    return at->ref.id == block_id ? at : NULL;
+    return block_id != 0 && at->ref.id == block_id ? at : NULL;
 }

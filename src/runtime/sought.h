@@ -23,7 +23,7 @@ typedef struct mni_sought {
 size_t mni_sought_need(uint32_t k);
 void mni_sought_open(mni_sought *sought, uint32_t k, mni_arena *arena);
 void mni_sought_put(mni_sought *sought, mn_block_ref ref, uint32_t parent_id);
-/* NULL: it was never put, or has been forgotten. */
+/* NULL: it was never put, or has been forgotten; or the id is 0, no block's. */
 const mni_seek *mni_sought_find(const mni_sought *sought, uint32_t block_id);
 
 #endif

@@ -46,6 +46,7 @@ START_TEST(sought_forgets_and_does_not_invent) {
     uint32_t parent[KEYS + 1] = {0}, known = 0;
     ck_assert_int_eq(mni_arena_open(&arena, mni_sought_need(K), NULL), MN_OK);
     mni_sought_open(&sought, K, &arena);
+    ck_assert_ptr_null(mni_sought_find(&sought, 0)); /* no block, though empty records say so */
     for (uint64_t step = 0; step < 20000; step++) {
         const uint32_t id = 1 + (uint32_t)(mix(seed, step) % KEYS);
         parent[id] = (uint32_t)step + 1;
