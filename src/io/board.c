@@ -13,6 +13,7 @@ enum {
     LATE_SHARE = 16, /* after the next frame is expected to have ended; … */
     NAP_SHARE = 8,   /* … if it has not, so long again, … */
     NAPS_FRAMES = 4, /* … until so many frames are missing */
+    WAIT_SHARE = 2,  /* what has been posted waits no longer, or I/O is woken */
     FRAME_NS_MIN = 2 * 1000 * 1000,
     FRAME_NS_MAX = 50 * 1000 * 1000,
 };
@@ -134,6 +135,13 @@ static void keep_pace(mni_board *board) {
     board->posted_looks = board->looks;
 }
 
+/* Does I/O, which naps, look here before long? Not if the camera has stopped, or frames come much
+ * faster than they did. */
+static bool sees_soon(const mni_board *board) {
+    return board->moves && board->nap_until_ns > 0 &&
+           board->nap_until_ns <= board->posted_ns + board->frame_ns / WAIT_SHARE;
+}
+
 uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
     uint32_t rejected = 0, urgent = 0;
     mni_lock_take(&board->lock);
@@ -166,7 +174,7 @@ uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
             batch->command[rejected++] = *command;
     }
     MNI_TRACE_COUNT(MN_TRACE_N_COMMANDS, board->open);
-    if (batch->count > rejected && !board->naps)
+    if (batch->count > rejected && !sees_soon(board))
         pthread_cond_signal(&board->work);
     mni_lock_give(&board->lock);
     return rejected;
@@ -245,7 +253,7 @@ static void wait_for(mni_board *board, pthread_cond_t *what) {
 }
 
 /* Until when I/O naps; 0: it sleeps until it is woken. */
-static uint64_t nap_until_ns(const mni_board *board) {
+static uint64_t nap_end_ns(const mni_board *board) {
     const uint64_t now_ns = mni_clock_ns(CLOCK_MONOTONIC), frame_ns = board->frame_ns;
     const uint64_t next_ns = board->posted_ns + frame_ns + frame_ns / LATE_SHARE;
     if (!board->moves || frame_ns < FRAME_NS_MIN || frame_ns > FRAME_NS_MAX ||
@@ -258,15 +266,15 @@ static void nap(mni_board *board, uint64_t until_ns) {
     const struct timespec until = {.tv_sec = (time_t)(until_ns / 1000000000),
                                    .tv_nsec = (long)(until_ns % 1000000000)};
     board->lock.since_ns = 0;
-    board->naps = true;
+    board->nap_until_ns = until_ns;
     pthread_cond_timedwait(&board->work, &board->lock.mutex, &until);
-    board->naps = false;
+    board->nap_until_ns = 0;
 }
 
 bool mni_board_wait_work(mni_board *board) {
     mni_lock_take(&board->lock);
     while (!has_work(board) && !board->stop) {
-        const uint64_t until_ns = nap_until_ns(board);
+        const uint64_t until_ns = nap_end_ns(board);
         if (until_ns > 0)
             nap(board, until_ns);
         else
@@ -279,7 +287,7 @@ bool mni_board_wait_work(mni_board *board) {
 
 void mni_board_wait_quiet(mni_board *board) {
     mni_lock_take(&board->lock);
-    if (board->naps)
+    if (board->nap_until_ns > 0)
         pthread_cond_signal(&board->work);
     while (board->open > 0)
         wait_for(board, &board->quiet);

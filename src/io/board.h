@@ -122,7 +122,7 @@ typedef struct mni_board {
     uint64_t frame_ns;     /* … the shorter one of that and the time before … */
     uint64_t posted_looks; /* … looks, then … */
     bool moves;            /* … and whether there was a new one */
-    bool naps;             /* I/O will see by itself what is posted */
+    uint64_t nap_until_ns; /* then I/O will see by itself what is posted; 0: it does not nap */
 } mni_board;
 
 size_t mni_board_need(uint32_t urgent_max, uint32_t prefetch_max, uint32_t look_bytes);

@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "board.h"
+#include "clock.h"
 #include "suite.h"
 
 enum { LOOK_BYTES = 24, BATCH_MAX = 64 };
@@ -230,11 +231,54 @@ START_TEST(sees_what_frames_post) {
 }
 END_TEST
 
+static uint64_t nap_until_ns(void) {
+    mni_lock_take(&board.lock);
+    const uint64_t until_ns = board.nap_until_ns;
+    mni_lock_give(&board.lock);
+    return until_ns;
+}
+
+/* When the camera stops (0), or frames come faster all at once (1), what is posted does not wait
+ * for the end of a nap that was meant for other frames. A busy machine may keep I/O from running
+ * so long: one time of many will do. */
+START_TEST(a_nap_is_cut_short) {
+    enum { TRIES = 40, FRAME_NS = 40000000 };
+    const struct timespec frame = {.tv_nsec = FRAME_NS}, moment = {.tv_nsec = 1000000};
+    const char look[LOOK_BYTES] = "moves";
+    open_board(4, 4);
+    uint32_t served = 0, before_its_end = 0, tries = 0;
+    pthread_t thread;
+    ck_assert_int_eq(pthread_create(&thread, NULL, serve, &served), 0);
+    for (; tries < TRIES && before_its_end == 0; tries++) {
+        for (int i = 0; i < 4; i++) {
+            if (i > 0)
+                nanosleep(&frame, NULL);
+            mni_board_look(&board, look);
+            ck_assert(post(command(MNI_COMMAND_URGENT_UP, 1)));
+        }
+        nanosleep(&moment, NULL);
+        const uint64_t until_ns = nap_until_ns();
+        if (_i == 1)
+            mni_board_look(&board, look);
+        ck_assert(post(command(MNI_COMMAND_URGENT_UP, 2)));
+        while (mni_board_open_commands(&board) > 0)
+            nanosleep(&moment, NULL);
+        before_its_end += mni_clock_ns(CLOCK_MONOTONIC) < until_ns;
+    }
+    mni_board_stop(&board);
+    pthread_join(thread, NULL);
+    ck_assert_uint_eq(before_its_end, 1);
+    ck_assert_uint_eq(served, 5 * tries);
+    close_board();
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("board");
     TCase *tests = tcase_create("board");
     tcase_set_timeout(tests, 60);
     tcase_add_test(tests, sees_what_frames_post);
+    tcase_add_loop_test(tests, a_nap_is_cut_short, 0, 2);
     tcase_add_test(tests, urgent_first_and_in_order);
     tcase_add_test(tests, a_full_board_says_so);
     tcase_add_test(tests, nearest_first_and_cancelled);
