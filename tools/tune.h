@@ -267,8 +267,7 @@ void tune_json(const tune *t, const tune_findings *f, FILE *out);
 /* "error 2.1 px, misses 0.10 %, …" */
 void tune_setting_words(const tune *t, const tune_setting *s, char *text, size_t room);
 
-/* ---- plots (tune_plots.c) and the page (tune_report.c) ----------------------------------------
- */
+/* ---- plots (tune_plots.c) and the page (tune_report.c) --------------------------------------- */
 
 enum { TUNE_PLOTS_MAX = 256 };
 typedef struct tune_plot {

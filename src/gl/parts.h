@@ -42,8 +42,7 @@ void mni_render_stats(const mni_render *r, mn_gl_stats *out);
 const char *mni_render_driver(const mni_render *r);
 void mni_render_close(mni_render *r); /* the context still current */
 
-/* ---- surface.c: a mirror of what the driver holds of a front, and what is new in it. Pure -----
- */
+/* ---- surface.c: a mirror of what the driver holds of a front, and what is new in it. Pure ---- */
 
 typedef struct mni_surface {
     /* const after open */

@@ -36,8 +36,7 @@ static inline bool before(const mni_agenda_item *a, const mni_agenda_item *b) {
     return rank(a) < rank(b);
 }
 
-/* ---- the heap: four below each ----------------------------------------------------------------
- */
+/* ---- the heap: four below each --------------------------------------------------------------- */
 
 static inline void sift_up(mni_agenda_item *item, uint32_t top, uint32_t at,
                            mni_agenda_item moving) {

@@ -370,8 +370,7 @@ mni_entry mni_front_exit(mni_front *f, uint32_t slot, mn_block_ref *ref, mni_not
     return own;
 }
 
-/* ---- the simplices that a split brings --------------------------------------------------------
- */
+/* ---- the simplices that a split brings ------------------------------------------------------- */
 
 uint32_t mni_front_find(const mni_front *f, uint32_t leaf) {
     uint32_t roots = f->header->roots, lo = 0;

@@ -236,8 +236,7 @@ void mni_front_check(const mni_front *f) {
     MN_ASSERT(corners == 2 * simplices + triangles);
 }
 
-/* ---- the input beneath the front --------------------------------------------------------------
- */
+/* ---- the input beneath the front ------------------------------------------------------------- */
 
 static void block_reopen(mni_front *f, mni_entry entry, mni_block *block) {
     bool fresh;

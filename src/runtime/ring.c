@@ -350,8 +350,7 @@ uint32_t mni_ring_place(const mni_front *f, uint32_t slot, uint32_t corner) {
     return at;
 }
 
-/* ---- ahead of time ---------------------------------------------------------------------------
- */
+/* ---- ahead of time --------------------------------------------------------------------------- */
 
 void mni_front_fetch_simplices(const mni_front *f, uint32_t slot, bool leaves) {
     const mni_front_node *n = &f->node[slot];

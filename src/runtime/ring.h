@@ -25,8 +25,7 @@ static inline uint32_t mni_corner_slot(const mni_front *f, uint32_t corner) {
     return slot < f->nobody ? slot : f->nobody;
 }
 
-/* ---- lists of any length ----------------------------------------------------------------------
- */
+/* ---- lists of any length --------------------------------------------------------------------- */
 
 /* A stretch of a node's corners: those before the first 0. */
 typedef struct mni_run {
@@ -45,8 +44,7 @@ static inline mni_run mni_run_next(const mni_front *f, mni_run r) {
     return (mni_run){f->chunk[r.more].corner, MNI_FRONT_CHUNK, f->chunk[r.more].next};
 }
 
-/* ---- rings ------------------------------------------------------------------------------------
- */
+/* ---- rings ----------------------------------------------------------------------------------- */
 
 /* May the processor take the short way (mni_front.vectors)? */
 bool mni_ring_has_vectors(void);
