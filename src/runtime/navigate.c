@@ -38,9 +38,8 @@ enum {
 enum { UNTESTED = 0, FREE, WAITS };
 #define NOBODY UINT16_MAX /* has pushed the first of a stack */
 
-#define CLOCK_MAX                                                                                  \
-    1000 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet               \
-          */
+/* × the largest coordinate: margins of a hundredth of that are 9 bits yet */
+#define CLOCK_MAX 1000
 #define EARLY_FILL 0.98 /* of the scarcest room, up to which there are early splits */
 /* For later frames one does something if it has not done more for itself than EFFORT_START of what
  * frames do on average, and a few operations; early splits until all is EFFORT_MAX of that. Of a
@@ -256,8 +255,7 @@ static void collapse_pass(mni_navigator *nav) {
     nav->crowded = nav->by_place && tests > nav->front.active / MNI_CROWD_SHARE;
 }
 
-/* ---- chains of forced splits -------------------------------------------------------------------
- */
+/* ---- chains of forced splits ----------------------------------------------------------------- */
 
 static void chain_undo(mni_navigator *nav, uint32_t count) {
     nav->work.undone += count;
@@ -402,8 +400,7 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
     return outcome;
 }
 
-/* ---- splits ------------------------------------------------------------------------------------
- */
+/* ---- splits ---------------------------------------------------------------------------------- */
 
 /* See split_key.h. In a crowd by place as well, so that neighbours, and nodes of one block, have
  * their turn one after the other. */
@@ -620,7 +617,7 @@ static void split_pass(mni_navigator *nav) {
             fetched = fetch_ahead(nav);
         if (!mni_agenda_pop(&nav->agenda, &item))
             break;
-        if (mni_refusals_wait(nav, item))
+        if (closed == MNI_DONE && mni_refusals_wait(nav, item))
             continue;
         uint32_t slot = item.what, count, triangles = front->triangles;
         if (!item_stands(front, item)) /* forced by another */
@@ -628,7 +625,9 @@ static void split_pass(mni_navigator *nav) {
         mni_outcome outcome = closed;
         if (closed == MNI_DONE)
             outcome = chain_try(nav, slot, &count);
-        if (outcome == MNI_MISS && nav->there_only) {
+        else if ((item.key & MNI_PUT_OFF) != 0) /* in its turn it was its block that was absent */
+            outcome = MNI_MISS;
+        if (closed == MNI_DONE && outcome == MNI_MISS && nav->there_only) {
             mni_refusals_put_off(nav, item);
             continue;
         }
@@ -761,8 +760,7 @@ static void look_forward(mni_navigator *nav) {
     nav->usual += (effort(nav) - nav->usual) / EFFORT_FRAMES;
 }
 
-/* ---- degrading ---------------------------------------------------------------------------------
- */
+/* ---- degrading ------------------------------------------------------------------------------- */
 
 void mni_navigator_give_way(mni_navigator *nav, bool reading) {
     const mni_work *work = &nav->work;
@@ -779,8 +777,7 @@ void mni_navigator_give_way(mni_navigator *nav, bool reading) {
         mni_level_next(&nav->level, nav->tolerance_px, &signs);
 }
 
-/* ---- a frame -----------------------------------------------------------------------------------
- */
+/* ---- a frame --------------------------------------------------------------------------------- */
 
 /* The clock of motion, which begins again where it cannot tell how much has changed, or would get
  * too large for single precision: then everything is due. */
@@ -835,8 +832,7 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->moved = moved;
 }
 
-/* ---- open --------------------------------------------------------------------------------------
- */
+/* ---- open ------------------------------------------------------------------------------------ */
 
 static uint32_t chain_room(uint32_t nodes_max) {
     return nodes_max < MNI_CHAIN_MAX ? nodes_max : MNI_CHAIN_MAX;

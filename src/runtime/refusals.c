@@ -9,7 +9,8 @@
  *   what is absent  as soon as the part above is through, or as many blocks are sought as there are
  *                   places for: by falling error again, all that have been put off and what has not
  *                   had its turn. Who finds room now is granted it, and is a miss until his block
- *                   has come
+ *                   has come. When the budget or the front is full before, who has been put off is
+ *                   a miss: in his turn there was room
  *
  * A place that is granted for an absent block is idle until that has come, and there are more that
  * could use it than there are places. Who is put off is behind a block for a frame or two, in which
