@@ -14,8 +14,8 @@
  * Of the triangles that use a directed edge, all but the input's first are misoriented; a triangle
  * that is so at several edges counts once, hence the sort of their numbers.
  *
- * Secret: the heap. Memory: shares of work_bytes, for it and two sorts. One thread. (design.md
- * §3.1) */
+ * Secret: the heap. Memory: shares of work_bytes, for it and two sorts. One thread at a time.
+ * (design.md §3.1) */
 #include "extintake.h"
 
 #include <stdlib.h>

@@ -26,7 +26,8 @@
  *
  *   ¹ of all vertices, or of a bucket's
  *
- * Every bool: false means that the status has been filled. One thread. */
+ * Every bool: false means that the status has been filled. One thread, and with two allowed another
+ * that counts edges while triangles are handed out (extfaces.c). */
 #ifndef MNI_EXTINTAKE_H
 #define MNI_EXTINTAKE_H
 
