@@ -34,9 +34,9 @@ phases() {
 
 expect 0 model make sphere --triangles 250000 -o ball.ply || finish
 part phases make making -- make isosurface --triangles 3000000 -o rock.ply
-part phases build read number check grid simplify order blocking -- build ball.ply -o ball.mnt
+part phases build read number check grid deal simplify order blocking -- build ball.ply -o ball.mnt
 check "a build shows more than once" test "$(wc -l <lines)" -gt 4
-part phases simplify read number check grid simplify order writing -- simplify ball.ply -o ball.vdt
+part phases simplify read number check grid deal simplify order writing -- simplify ball.ply -o ball.vdt
 part phases block checking blocking -- block ball.vdt -o other.mnt
 part phases block checking loading blocking -- block ball.mnt -o other.mnt
 part phases verify checking -- verify ball.mnt
