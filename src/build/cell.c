@@ -135,7 +135,7 @@ static bool belongs(const mni_cell *cell, const uint32_t v[3]) {
     uint32_t least = MN_NONE;
     for (uint32_t c = 0; c < 3 && v[c] != MN_NONE; c++)
         if (v[c] < cell->first_hub &&
-            (least == MN_NONE || cell->node[v[c]].id < cell->node[least].id))
+            (least == MN_NONE || cell->s.part.id[v[c]] < cell->s.part.id[least]))
             least = v[c];
     return least == MN_NONE || least < cell->own;
 }
@@ -725,18 +725,23 @@ void mni_cell_tell_hubs(const mni_cell *cell, mni_frozen_table *to) {
             to->hub[mni_frozen_find(to, cell->aside[i].v[c])].aside = true;
 }
 
-bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out) {
+bool mni_cell_has_simplex(const mni_cell *cell, uint32_t x) {
+    return belongs(cell, cell->s.surface.simplex[x].v);
+}
+
+void mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_reach reach,
+                      mni_wire_simplex *out) {
     const mni_surface *s = &cell->s.surface;
     const uint32_t *v = s->simplex[x].v;
-    *out = (mni_wire_simplex){.v[2] = MN_NONE};
+    *out = (mni_wire_simplex){.reach = reach, .v[2] = MN_NONE};
     for (uint32_t c = 0; c < 3 && v[c] != MN_NONE; c++) {
-        out->v[c] = cell->node[v[c]].id;
-        memcpy(out->p[c], s->vertex[v[c]].p, sizeof out->p[c]);
+        out->v[c] = cell->s.part.id[v[c]];
+        if (reach.low < reach.high)
+            memcpy(out->p[c], s->vertex[v[c]].p, sizeof out->p[c]);
     }
     memcpy(out->origin, &s->origin[3 * (size_t)x], sizeof out->origin);
     if (x < cell->triangles)
         memcpy(out->normal, &cell->s.judge.normal[3 * (size_t)x], sizeof out->normal);
-    return belongs(cell, v);
 }
 
 enum { SMALL_BYTES = 192 << 10 }; /* scratch, and what is lost in pages that are not full */

@@ -104,9 +104,12 @@ void mni_cell_number(mni_cell *cell, uint32_t collapses);
 void mni_cell_forget(mni_cell *cell);
 /* What is left of vertex v: its record but for its reach. False: nothing, or it is a ghost. */
 bool mni_cell_vertex(const mni_cell *cell, uint32_t v, mni_wire_vertex *out);
-/* Simplex x of cell->s.surface, which is there still: its record but for its reach. False: it is
- * another cell's, which is that of its vertex with the least id, hubs apart. */
-bool mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_simplex *out);
+/* Whether simplex x of cell->s.surface, which is there still, is this cell's: it is that of its
+ * vertex with the least id, hubs apart. */
+bool mni_cell_has_simplex(const mni_cell *cell, uint32_t x);
+/* Its record; where its corners are only if it reaches other tiles. */
+void mni_cell_simplex(const mni_cell *cell, uint32_t x, mni_wire_reach reach,
+                      mni_wire_simplex *out);
 /* What frozen hubs have come to in a cell that has been given its numbers. */
 void mni_cell_tell_hubs(const mni_cell *cell, mni_frozen_table *to);
 void mni_cell_close(mni_cell *cell); /* harmless on a closed one */

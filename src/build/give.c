@@ -5,7 +5,7 @@
  * stand in the cell, those that pass through it last. */
 #include "give.h"
 
-#include <stdlib.h>
+#include <string.h>
 
 #include "mem.h"
 #include "mn_assert.h"
@@ -22,6 +22,7 @@ typedef struct standing {
 } standing;
 
 enum { VERTICES, SIMPLICES, SIGHTS, LISTS };
+enum { TILE_SHIFT = 32, DIGIT_BITS = 8, DIGIT_MASK = (1 << DIGIT_BITS) - 1 };
 enum { PARCEL_BYTES = 112 << 10 }; /* one of a surface is rarely longer */
 
 typedef struct giver {
@@ -30,6 +31,7 @@ typedef struct giver {
     standing *stands;      /* by vertex; of those that are there still */
     mni_wire_sight *sight; /* of passing simplices */
     list list[LISTS];      /* of vertices; of simplices, passing ones behind; of sights */
+    uint64_t *other;       /* as long as the longest, while they are sorted */
     mni_parcel parcel;     /* that is being filled */
     unsigned char *bytes;
     size_t used, room;
@@ -81,7 +83,6 @@ static mni_wire_reach reach_of(const giver *g, const uint32_t v[3]) {
 
 static void look_at_simplices(giver *g) {
     const mni_surface *s = &g->cell->s.surface;
-    mni_wire_simplex record;
     for (uint32_t x = 0; x < s->simplices; x++) {
         const uint32_t *v = s->simplex[x].v;
         if (s->simplex[x].killed != MN_NONE)
@@ -90,7 +91,7 @@ static void look_at_simplices(giver *g) {
         for (int c = 0; c < 3 && v[c] != MN_NONE; c++)
             if (!is_hub(g, v[c]))
                 mni_wire_widen(&g->stands[v[c]].reach, reach);
-        if (mni_cell_simplex(g->cell, x, &record))
+        if (mni_cell_has_simplex(g->cell, x))
             add(g, SIMPLICES, reach.low, x);
     }
 }
@@ -166,8 +167,7 @@ static unsigned char *put_simplex(giver *g, mni_wire_pen *pen, unsigned char *to
     if (x >= s->simplices)
         return mni_wire_put_simplex(pen, to, &g->cell->passing[x - s->simplices].simplex);
     mni_wire_simplex out;
-    mni_cell_simplex(g->cell, x, &out);
-    out.reach = reach_of(g, s->simplex[x].v);
+    mni_cell_simplex(g->cell, x, reach_of(g, s->simplex[x].v), &out);
     return mni_wire_put_simplex(pen, to, &out);
 }
 
@@ -227,9 +227,29 @@ static uint32_t next_tile(const giver *g) {
     return tile;
 }
 
-static int by_item(const void *a, const void *b) {
-    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-    return x < y ? -1 : x > y;
+/* By tile, and in each as they were put, which is by number: a digit at a time, from the lowest on
+ * in which any two differ. other: as long as the list. */
+static void sort_by_tile(list *l, uint64_t *other) {
+    uint64_t *from = l->item, *to = other, differ = 0;
+    for (uint32_t i = 1; i < l->count; i++)
+        differ |= from[i] ^ from[0];
+    for (uint32_t shift = TILE_SHIFT; shift < 64 && differ >> shift > 0; shift += DIGIT_BITS) {
+        uint32_t next[1 << DIGIT_BITS] = {0}, sum = 0;
+        for (uint32_t i = 0; i < l->count; i++)
+            next[from[i] >> shift & DIGIT_MASK]++;
+        for (uint32_t d = 0; d <= DIGIT_MASK; d++) {
+            const uint32_t here = next[d];
+            next[d] = sum;
+            sum += here;
+        }
+        for (uint32_t i = 0; i < l->count; i++)
+            to[next[from[i] >> shift & DIGIT_MASK]++] = from[i];
+        uint64_t *sorted = to;
+        to = from;
+        from = sorted;
+    }
+    if (from != l->item)
+        memcpy(l->item, from, l->count * sizeof *from);
 }
 
 /* ---- from the outside ----------------------------------------------------------------------- */
@@ -239,13 +259,16 @@ static bool take_room(giver *g) {
     const size_t most[LISTS] = {cell->own, (size_t)cell->s.surface.simplices + cell->passing_count,
                                 3 * (size_t)cell->passing_count};
     bool good = true;
+    size_t longest = 0;
     for (int i = 0; i < LISTS; i++) {
+        longest = most[i] > longest ? most[i] : longest;
         g->list[i].item = mni_mem_take((most[i] + 1) * sizeof *g->list[i].item, 0);
         good &= g->list[i].item != NULL;
     }
+    g->other = mni_mem_take((longest + 1) * sizeof *g->other, 0);
     g->stands = mni_mem_take(cell->vertices * sizeof *g->stands, 0);
     g->sight = mni_mem_take((most[SIGHTS] + 1) * sizeof *g->sight, 0);
-    return good && g->stands != NULL && g->sight != NULL;
+    return good && g->other != NULL && g->stands != NULL && g->sight != NULL;
 }
 
 mn_code mni_give(const mni_outlet *outlet, const mni_cell *cell, mn_status *st) {
@@ -256,8 +279,9 @@ mn_code mni_give(const mni_outlet *outlet, const mni_cell *cell, mn_status *st) 
         look_at_simplices(&g);
         look_at_passing(&g);
         for (int i = 0; i < LISTS; i++)
-            qsort(g.list[i].item, g.list[i].count, sizeof *g.list[i].item, by_item);
+            sort_by_tile(&g.list[i], g.other);
     }
+    mni_mem_give(g.other);
     for (uint32_t tile; good && (tile = next_tile(&g)) != MN_NONE;)
         good = give_tile(&g, tile);
     for (int i = 0; i < LISTS; i++)

@@ -36,19 +36,43 @@ static uint32_t get_u32(const unsigned char **at, uint32_t from) {
     return mni_unfold(mni_varint_get(at), from);
 }
 
+/* 2^exponent, of those that normal doubles have. */
+static double power_of_2(int exponent) {
+    const uint64_t bits = (uint64_t)(exponent + 1023) << 52;
+    double x;
+    memcpy(&x, &bits, sizeof x);
+    return x;
+}
+
+/* As frexp says; of what is less than normal, something below -FAR. */
+static int exponent_of(double x) {
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return x == 0 ? 0 : (int)(bits >> 52 & 2047) - 1022;
+}
+
+/* To the nearest integer, to the even one of two; of numbers below 2^51. */
+static double nearest(double x) {
+    return x + 0x1.8p52 - 0x1.8p52;
+}
+
+/* Of numbers below 2^22. */
+static float nearest_float(float x) {
+    return x + 0x1.8p23f - 0x1.8p23f;
+}
+
 /* Numbers that are added to each other: of all as many bits below the largest one's first. */
 static unsigned char *put_fixed(unsigned char *to, const double *x, int count) {
     double largest = 0;
-    int exponent;
     for (int i = 0; i < count; i++)
-        largest = fmax(largest, fabs(x[i]));
-    frexp(largest, &exponent);
+        largest = fabs(x[i]) > largest ? fabs(x[i]) : largest;
+    const int exponent = exponent_of(largest);
     int16_t shift = (int16_t)(exponent > -FAR ? FIXED_BITS - exponent : FIXED_BITS + FAR);
-    double scale = ldexp(1, shift);
+    double scale = power_of_2(shift);
     to = put_bytes(to, &shift, sizeof shift);
     for (int i = 0; i < count; i++) {
-        double at = rint(x[i] * scale);
-        int32_t fixed = (int32_t)fmin(fmax(at, -INT32_MAX), INT32_MAX);
+        double at = nearest(x[i] * scale);
+        int32_t fixed = (int32_t)(at < INT32_MAX ? at > -INT32_MAX ? at : -INT32_MAX : INT32_MAX);
         to = put_bytes(to, &fixed, sizeof fixed);
     }
     return to;
@@ -57,7 +81,7 @@ static unsigned char *put_fixed(unsigned char *to, const double *x, int count) {
 static void get_fixed(const unsigned char **at, double *x, int count) {
     int16_t shift;
     get_bytes(at, &shift, sizeof shift);
-    double scale = ldexp(1, -shift);
+    double scale = power_of_2(-shift);
     for (int i = 0; i < count; i++) {
         int32_t fixed;
         get_bytes(at, &fixed, sizeof fixed);
@@ -142,6 +166,14 @@ static uint32_t witnesses_of(const mni_witnesses *w) {
     return count;
 }
 
+static float larger(float a, float b) {
+    return b > a ? b : a;
+}
+
+static int16_t steps_of(float x) {
+    return (int16_t)nearest_float(x < UNIT ? x > -UNIT ? x : -UNIT : UNIT);
+}
+
 /* Relative to p. */
 static unsigned char *put_witnesses(unsigned char *to, const mni_wire_vertex *v, uint32_t count,
                                     bool slack) {
@@ -150,13 +182,13 @@ static unsigned char *put_witnesses(unsigned char *to, const mni_wire_vertex *v,
     float farthest = 0;
     for (uint32_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++)
-            farthest = fmaxf(farthest, fabsf(of[c][i] - v->p[c]));
+            farthest = larger(farthest, fabsf(of[c][i] - v->p[c]));
     float scale = farthest / UNIT;
     to = put_bytes(to, &scale, sizeof scale);
     for (uint32_t i = 0; i < count; i++) {
         int16_t at[3] = {0, 0, 0};
         for (int c = 0; c < 3 && scale > 0; c++)
-            at[c] = (int16_t)fmaxf(fminf(rintf((of[c][i] - v->p[c]) / scale), UNIT), -UNIT);
+            at[c] = steps_of((of[c][i] - v->p[c]) / scale);
         to = put_bytes(to, at, sizeof at);
         if (slack) {
             uint16_t more = short_of(w->slack[i]);
@@ -289,7 +321,7 @@ unsigned char *mni_wire_put_simplex(mni_wire_pen *pen, unsigned char *to,
     if (flags & HAS_NORMAL) {
         int16_t normal[3];
         for (int i = 0; i < 3; i++)
-            normal[i] = (int16_t)rintf(x->normal[i] * UNIT);
+            normal[i] = (int16_t)nearest_float(x->normal[i] * UNIT);
         to = put_bytes(to, normal, sizeof normal);
     }
     return to;

@@ -1,11 +1,13 @@
 /* Goal: neighbours on the curve are neighbours in space, and each round has a curve of its own.
- * Method: all points of a grid in the order of their keys; the same key for the same place. */
+ * Method: all points of a grid in the order of their keys; the same key for the same place; keys of
+ * random places against Skilling's program, which goes bit by bit. */
 #include <check.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "curve.h"
 #include "suite.h"
+#include "tree_fixture.h"
 
 enum { SIDE = 16, POINTS = SIDE * SIDE * SIDE };
 
@@ -74,12 +76,51 @@ START_TEST(boxes_without_width) {
 }
 END_TEST
 
+/* As published, but for the order of the sides' bits in a key. */
+static uint64_t skilling(const mni_curve *c, uint64_t place) {
+    enum { BITS = MNI_CURVE_SIDE_BITS };
+    uint32_t x[3], flip = 0;
+    uint64_t key = 0;
+    for (uint32_t i = 0; i < 3; i++) {
+        uint32_t side = (i + c->turn) % 3;
+        x[i] = (uint32_t)(place >> side * MNI_PLACE_BITS) % (1u << MNI_PLACE_BITS) + c->shift[side];
+    }
+    for (uint32_t bit = 1u << (BITS - 1); bit > 1; bit /= 2)
+        for (int i = 0; i < 3; i++) {
+            uint32_t swap = x[i] & bit ? 0 : (x[0] ^ x[i]) & (bit - 1);
+            x[0] ^= x[i] & bit ? bit - 1 : swap;
+            x[i] ^= swap;
+        }
+    x[1] ^= x[0];
+    x[2] ^= x[1];
+    for (uint32_t bit = 1u << (BITS - 1); bit > 1; bit /= 2)
+        flip ^= x[2] & bit ? bit - 1 : 0;
+    for (int b = BITS - 1; b >= 0; b--)
+        for (int i = 0; i < 3; i++)
+            key = key << 1 | ((x[i] ^ flip) >> b & 1);
+    return key;
+}
+
+START_TEST(keys_are_skillings) {
+    uint64_t state = fixture_seed(65);
+    for (uint32_t round = 0; round < 12; round++) {
+        mni_curve curve = mni_curve_make(low, high, round);
+        for (int i = 0; i < 5000; i++) {
+            uint64_t place = ((uint64_t)fixture_random(&state) << 32 | fixture_random(&state)) >>
+                             (64 - 3 * MNI_PLACE_BITS);
+            ck_assert_uint_eq(mni_curve_place_key(&curve, place), skilling(&curve, place));
+        }
+    }
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("curve");
     TCase *tc = tcase_create("curve");
     tcase_add_test(tc, one_step_at_a_time);
     tcase_add_test(tc, each_round_its_own);
     tcase_add_test(tc, boxes_without_width);
+    tcase_add_test(tc, keys_are_skillings);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }
