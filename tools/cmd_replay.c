@@ -69,8 +69,8 @@ static void help(void) {
         "  --images-every N  pictures of every Nth frame only, from the first (1)\n"
         "  --write-path F    only writes the path to F, a path file, and navigates nothing\n"
         "  --key-every N     a key frame every Nth frame, and the last (1: the same path, "
-        "exactly)\n",
-        session_options_help);
+        "exactly)\n%s",
+        session_options_help, session_options_json_help);
 }
 
 /* ---- options --------------------------------------------------------------------------------- */

@@ -68,6 +68,7 @@ static int read_options(shoot *s, int argc, char **argv, bool *done) {
         case 'h':
             fputs(help, stdout);
             fputs(session_options_help, stdout);
+            fputs(session_options_json_help, stdout);
             *done = true;
             return MN_OK;
         default:

@@ -41,8 +41,8 @@ const char session_options_help[] =
     "  --io-serial       all reads of a frame done, in order, before the next\n"
     "  --seed S          of the simulated disk (0)\n"
     "  --barrier         each frame's camera stands until nothing changes\n"
-    "  --trace F         everything that happens, for metanode trace\n"
-    "  --json            figures as one JSON object; not of view\n";
+    "  --trace F         everything that happens, for metanode trace\n";
+const char session_options_json_help[] = "  --json            figures as one JSON object\n";
 
 static void warn(void *context, const char *text) {
     (void)context;

@@ -83,8 +83,8 @@ enum { SESSION_TIGHTER = 2 }; /* on silhouettes and for the light, when nothing 
         "json", no_argument, NULL, SESSION_JSON                                                    \
     }
 
-/* Lines for --help, one an option. */
-extern const char session_options_help[];
+/* Lines for --help, one an option; --json is for who prints figures. */
+extern const char session_options_help[], session_options_json_help[];
 
 void session_options_init(session_options *o);
 /* Is the option one of these? Then *code is MN_OK, or MN_USAGE when its value is no good, which has

@@ -101,6 +101,12 @@ for command in build simplify block info verify extract make compare replay view
     LC_ALL=C.UTF-8 awk -v name="$command" 'length($0) > 100 { print "FAILED: " name ": " $0; wide = 1 }
         END { exit wide }' out.txt || failures=$((failures + 1))
 done
+expect 0 view --help
+grep -q -- --json out.txt && fail "view --help promises --json, which view refuses"
+for command in replay shoot; do
+    expect 0 $command --help
+    grep -q '^  --json ' out.txt || fail "$command --help lacks --json"
+done
 expect 0 help
 grep -q '^usage: metanode COMMAND' out.txt || fail "help: $(cat out.txt)"
 expect 0 help build
