@@ -127,7 +127,7 @@ static void report(const shoot *s, const mn_session *session, const picture *p,
     json_u64(&j, "misses", stats->misses);
     json_u64(&j, "settle_frames", settle_frames);
     json_bool(&j, "settled", !stats->changed);
-    json_u64(&j, "ram_cap_bytes", plan.ram_cap_bytes);
+    json_cap(&j, "ram_cap_bytes", plan.ram_cap_bytes);
     json_u64(&j, "ram_planned_bytes", plan.planned_bytes);
     json_u64(&j, "rss_peak_bytes", p->load.own_peak_bytes);
     json_u64(&j, "gl_rss_bytes", p->load.rss_bytes);

@@ -75,6 +75,13 @@ void json_null(json *j, const char *key) {
     fputs("null", j->out);
 }
 
+void json_cap(json *j, const char *key, uint64_t bytes) {
+    if (bytes > 0)
+        json_u64(j, key, bytes);
+    else
+        json_null(j, key);
+}
+
 void json_open(json *j, const char *key, char bracket) {
     item(j, key);
     fputc(bracket, j->out);

@@ -18,8 +18,9 @@ void json_f64(json *j, const char *key, double value); /* NaN and infinities bec
 void json_str(json *j, const char *key, const char *value);
 void json_bool(json *j, const char *key, bool value);
 void json_null(json *j, const char *key);
-void json_open(json *j, const char *key, char bracket); /* '{' or '['; key NULL inside an array */
-void json_close(json *j, char bracket);                 /* '}' or ']' */
-void json_end(json *j);                                 /* closes the object, newline */
+void json_cap(json *j, const char *key, uint64_t bytes); /* 0: no cap, which is null */
+void json_open(json *j, const char *key, char bracket);  /* '{' or '['; key NULL inside an array */
+void json_close(json *j, char bracket);                  /* '}' or ']' */
+void json_end(json *j);                                  /* closes the object, newline */
 
 #endif

@@ -248,10 +248,7 @@ void figures_json(const replay_figures *f, FILE *out) {
     json_u64(&j, "blocks_with_ancestors_max", f->blocks_with_ancestors_max);
     json_u64(&j, "l", f->l);
     json_u64(&j, "block_bytes_max", f->block_bytes_max);
-    if (f->plan.ram_cap_bytes > 0)
-        json_u64(&j, "ram_cap_bytes", f->plan.ram_cap_bytes);
-    else
-        json_null(&j, "ram_cap_bytes");
+    json_cap(&j, "ram_cap_bytes", f->plan.ram_cap_bytes);
     json_u64(&j, "ram_planned_bytes", f->plan.planned_bytes);
     json_u64(&j, "ram_min_bytes", f->plan.ram_min_bytes);
     json_u64(&j, "ram_base_bytes", f->plan.base_bytes);

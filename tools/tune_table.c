@@ -272,7 +272,7 @@ static void json_cell(json *j, const tune *t, const tune_cell *c) {
     if (!c->resident) {
         json_str(j, "places", t->o.places[c->places].text);
         json_str(j, "prefetch", tune_prefetch_name(c->prefetch));
-        json_u64(j, "ram_cap_bytes", t->o.cap[c->cap]);
+        json_cap(j, "ram_cap_bytes", t->o.cap[c->cap]);
     }
     if (c->state == TUNE_REFUSED) {
         json_u64(j, "exit", (uint64_t)c->code);
@@ -293,14 +293,11 @@ static void json_best(json *j, const tune *t, const tune_setting *best) {
         return;
     json_str(j, keys[0], t->layout[best->cell->layout].name);
     json_str(j, keys[1], tune_prefetch_name(best->cell->prefetch));
-    const double values[] = {best->cell->figure[TUNE_K],
-                             (double)t->o.cap[best->cell->cap],
-                             best->error_px,
-                             best->miss_rate,
-                             best->p99_ms,
-                             best->ram_bytes};
+    json_f64(j, keys[2], best->cell->figure[TUNE_K]);
+    json_cap(j, keys[3], t->o.cap[best->cell->cap]);
+    const double values[] = {best->error_px, best->miss_rate, best->p99_ms, best->ram_bytes};
     for (size_t i = 0; i < sizeof values / sizeof values[0]; i++)
-        json_f64(j, keys[i + 2], values[i]);
+        json_f64(j, keys[i + 4], values[i]);
 }
 
 void tune_json(const tune *t, const tune_findings *f, FILE *out) {

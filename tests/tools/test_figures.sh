@@ -18,6 +18,12 @@ keys() {
     cat keys >>printed
 }
 
+# Without a cap there is none, in every command.
+no_cap() {
+    grep -q '"ram_cap_bytes": null' out.txt || fail "$1 without a cap: $(grep ram_cap out.txt)"
+    grep -q 'ram_cap_bytes": 0' out.txt && fail "$1: no cap is a cap of 0"
+}
+
 expect 0 make sphere --triangles 3000 -o in.ply
 keys build in.ply -o a.mnt
 keys simplify in.ply -o a.vdt
@@ -28,11 +34,14 @@ keys verify a.mnt --against in.ply
 keys extract a.mnt --triangles 500 -o x.ply
 keys compare in.ply x.ply --samples 100
 keys replay a.mnt --path orbit --frames 3 --fps 0 --io sim --settle --trace t.trace --csv t.csv
+no_cap replay
 keys trace t.trace
 keys stress a.mnt --runs 1 --frames 10
 keys tune a.mnt -o tuned --policy packed --block-bytes 4K --k min --path orbit --prefetch off --frames 2
+no_cap tune
 if "$metanode" shoot a.mnt --size 32x32 -o a.png >out.txt 2>&1; then
     keys shoot a.mnt --size 32x32 -o a.png
+    no_cap shoot
     keys compare a.png a.png
 else
     echo 'picture width height settled gl_driver' | tr ' ' '\n' >>printed
