@@ -187,18 +187,26 @@ static mn_code make_globe(uint32_t n, mn_mesh *out, mn_status *st) {
 
 /* ---- report ---- */
 
+/* Of a mesh that OpenMesh leaves as it is there is none. */
+static const char *ratio_text(double ratio, int digits, char text[32]) {
+    snprintf(text, 32, isfinite(ratio) ? "%.*f" : "none", digits, ratio);
+    return text;
+}
+
 static void print_table(const figures *f, const options *o) {
-    printf("%s: %u vertices, %u triangles\n", f->name, f->vertices, f->triangles);
+    char ratio[32];
+    printf("%s: %u vertices, %u triangle%s\n", f->name, f->vertices, f->triangles,
+           cli_s(f->triangles));
     if (o->runs > 0)
         printf(
-            "  to 1 %%        %10.0f collapses/s   OpenMesh %10.0f   ratio %.2f (median of %llu)\n",
-            f->rate, f->openmesh_rate, f->ratio, (unsigned long long)o->runs);
+            "  to 1 %%        %10.0f collapses/s   OpenMesh %10.0f   ratio %s (median of %llu)\n",
+            f->rate, f->openmesh_rate, ratio_text(f->ratio, 2, ratio), (unsigned long long)o->runs);
     for (int i = 0; i < LEVELS && o->samples > 0; i++) {
         const quality *q = &f->level[i];
         printf("  at %4.0f %%     %10u triangles     OpenMesh %10u\n"
-               "                %10.3g distance      OpenMesh %10.3g   ratio %.3f\n",
+               "                %10.3g distance      OpenMesh %10.3g   ratio %s\n",
                percents[i], q->triangles, q->openmesh_triangles, q->distance, q->openmesh_distance,
-               q->distance / q->openmesh_distance);
+               ratio_text(q->distance / q->openmesh_distance, 3, ratio));
     }
     fflush(stdout);
 }

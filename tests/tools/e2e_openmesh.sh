@@ -39,6 +39,9 @@ benches() {
         test "$(grep -c '"openmesh_distance"' "$out")" -eq 6
     check "bench simplify: no figure is missing" test "$(grep -c null "$out")" -eq 0
     expect 0 "bench simplify as a table" bench simplify sphere.ply --runs 0 --samples 5000 || true
+    printf 'OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n' >one.off
+    expect 0 "bench simplify of a triangle" bench simplify one.off --runs 1 --samples 100 || true
+    check "bench simplify of a triangle: no ratio" test "$(grep -c 'ratio none' "$out")" -eq 4 # had inf and nan
     expect 2 "a globe too small" bench simplify --globe 3 && one_line "a globe too small" "'3'" # it had said (null)
     expect 2 "bench simplify of nothing" bench simplify && one_line "bench simplify of nothing" --globe
     expect 2 "no such bench" bench nothing && one_line "no such bench" nothing
