@@ -239,6 +239,23 @@ static mn_code not_written(const char *what, const char *path, mn_status *st) {
                    strerror(errno));
 }
 
+const char *cli_shell_word(const char *text, char *out, size_t size) {
+    size_t at = 0;
+    if (*text != 0 && text[strspn(text, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                        "0123456789_-+=.,:/@%")] == 0) {
+        snprintf(out, size, "%s", text);
+        return out;
+    }
+    out[at++] = '\'';
+    for (; *text != 0 && at + 6 < size; text++) { /* one in quotes: out, the quote, and in again */
+        if (*text == '\'')
+            at += (size_t)snprintf(out + at, size - at, "'\\'");
+        out[at++] = *text;
+    }
+    snprintf(out + at, size - at, "'");
+    return out;
+}
+
 mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *st) {
     return ferror(file) ? not_written(what, path, st) : MN_OK;
 }

@@ -108,6 +108,8 @@ int cli_interrupted(void); /* by which signal; 0: by none */
 mn_code cli_output(const char *command, const char *out, const char *in);
 /* MN_FAILED, and said, where the output could not be made: before an hour of work, not after. */
 mn_code cli_output_possible(const char *out);
+/* The text as one word of a shell's, quoted where it must be; cut where it does not fit. */
+const char *cli_shell_word(const char *text, char *out, size_t size);
 /* Right after something was written to the file: MN_OK, or what went wrong. what: the option. */
 mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *st);
 /* The same of what is still buffered; and closes it. */

@@ -13,6 +13,7 @@
  * Hides: how a seed becomes a run. Thin over mn_session_…. One thread, and the sessions' own.
  * Memory: a session's. Paper: §3.3, at K near its minimum; design.md §6. */
 #include <errno.h>
+#include <limits.h>
 #include <linux/filter.h>
 #include <linux/seccomp.h>
 #include <math.h>
@@ -479,7 +480,7 @@ static void print_json(const options *o, const sums *s, const char *wrong, uint6
 
 static int tell_wrong(const options *o, uint64_t seed, const char *wrong) {
     static const char *const ios[] = {"uring", "pread", "sim"}; /* by mn_io_kind */
-    char k[32] = "", io[32] = "";
+    char k[32] = "", io[32] = "", path[4 * PATH_MAX + 3];
     if (o->k_min)
         snprintf(k, sizeof k, " -K min");
     else if (o->k > 0)
@@ -489,8 +490,8 @@ static int tell_wrong(const options *o, uint64_t seed, const char *wrong) {
     return cli_error(MN_FAILED,
                      "stress: seed %llu: %s\n"
                      "  again: metanode stress %s --seed %llu --runs 1 --frames %llu%s%s",
-                     (unsigned long long)seed, wrong, o->path, (unsigned long long)seed,
-                     (unsigned long long)o->frames, k, io);
+                     (unsigned long long)seed, wrong, cli_shell_word(o->path, path, sizeof path),
+                     (unsigned long long)seed, (unsigned long long)o->frames, k, io);
 }
 
 static int go(const options *o) {

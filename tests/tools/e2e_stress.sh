@@ -41,6 +41,25 @@ else
     check "interrupt: nothing found" grep -q 'every invariant after every frame' "$out"
 fi
 
+# What ends a run is a finding, and the line that repeats it may be pasted as it is: of a path with
+# a space and a quote it had two words and an open quote.
+mkdir "$scratch/it's a folder"
+odd="$scratch/it's a folder/s.mnt"
+cp "$scratch/packed.mnt" "$odd"
+"$metanode" stress "$odd" --runs 1 --frames 100000 >"$out" 2>"$err" &
+child=$! code=0
+run=
+for _ in $(seq 100); do
+    run=$(pgrep -P "$child") && break
+    sleep 0.1
+done
+kill -KILL "$run"
+wait "$child" || code=$?
+check "a run that is killed: exit $code" test "$code" -eq 1
+check "a run that is killed: it says so" grep -q 'seed 1: it was ended by signal 9' "$err"
+again=$(sed -n 's/^  again: metanode //p' "$err" | sed 's/--frames [0-9]*/--frames 20/')
+eval "expect 0 'the line again' $again"
+
 head -c 20000 "$scratch/packed.mnt" >"$scratch/cut.mnt"
 expect 3 "cut file" stress "$scratch/cut.mnt" --runs 1
 expect 3 "no such file" stress "$scratch/none.mnt" || true
