@@ -144,6 +144,7 @@ static void collapse_agenda(mni_navigator *nav, uint32_t *tests) {
         for (uint64_t bits = front->forks[word]; bits != 0; bits &= bits - 1) {
             uint32_t at = 64 * word + (uint32_t)__builtin_ctzll(bits);
             fork[count] = at;
+            __builtin_prefetch(&front->branch[at]);
             count += nav->fork_due[at] <= nav->clock;
             if (count < MNI_SIEVE_BATCH)
                 continue;
@@ -163,11 +164,15 @@ static bool has_to_wait(mni_navigator *nav, uint32_t fork, uint32_t blocker) {
 }
 
 /* The node in a slot has gone. Those that waited for it have higher order ids than its parent, so
- * their turn is still to come. */
+ * their turn is still to come; their nodes are asked for. */
 static void wake(mni_navigator *nav, uint32_t slot) {
+    const mni_front *front = &nav->front;
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, slot); fork != MN_NONE;
-         fork = mni_waiting_next(&nav->waiting, fork))
+         fork = mni_waiting_next(&nav->waiting, fork)) {
+        mni_front_fetch_node(front, front->branch[fork].child[0]);
+        mni_front_fetch_node(front, front->branch[fork].child[1]);
         mni_agenda_push(&nav->agenda, (mni_agenda_item){UNTESTED, fork_key(nav, fork), fork});
+    }
 }
 
 /* What is to be popped next is tested together, so that what each needs of the memory is on its way
@@ -186,6 +191,9 @@ static uint32_t look_ahead(mni_navigator *nav) {
     for (uint32_t i = 0; i < count; i++)
         for (int side = 0; side < 2; side++)
             mni_front_fetch_simplices(front, front->branch[next[i].what].child[side], false);
+    for (uint32_t i = 0; i < count; i++)
+        for (int side = 0; side < 2; side++)
+            mni_front_fetch_ring(front, front->branch[next[i].what].child[side]);
     for (uint32_t i = 0; i < count; i++)
         blocker[i] = mni_front_collapse_blocker(front, next[i].what);
     for (uint32_t i = 0; i < count; i++) {
@@ -273,6 +281,14 @@ static uint32_t push_blockers(mni_navigator *nav, uint32_t slot, uint32_t top) {
     nav->stack[top] = mni_front_ref_of(&nav->front, witness);
     uint32_t room = top < MNI_STACK_MAX / 2 ? MNI_STACK_MAX / 2 - top : 1;
     return room > 1 ? mni_front_split_blockers(&nav->front, slot, nav->stack + top, room) : 1;
+}
+
+/* What their splits will touch is asked for: they are tested and split one after the other. */
+static void fetch_pushed(const mni_navigator *nav, uint32_t top, uint32_t pushed) {
+    for (uint32_t i = 0; i < pushed; i++) {
+        mni_front_fetch_simplices(&nav->front, nav->stack[top + i].slot, true);
+        mni_front_fetch_record(&nav->front, nav->stack[top + i].slot);
+    }
 }
 
 /* Of the blockers pushed last, those of which nothing is known yet that keeps them from being
@@ -363,6 +379,7 @@ static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count
         if (pushed > 0) {
             for (uint32_t i = 0; i < pushed; i++)
                 nav->pusher[top + i] = (uint16_t)(top - 1);
+            fetch_pushed(nav, top, pushed);
             top += pushed;
         } else if (missed > 0 && has_asked(nav, missed, first_missed, *count)) {
             outcome = MNI_MISS;
