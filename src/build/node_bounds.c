@@ -8,22 +8,30 @@
 /* acosf near 1 turns a last bit of the dot product into this much. */
 #define NORMAL_ERROR_RAD 1e-3f
 
-static float distance(const float *a, const float *b) {
+static double square_of_distance(const float *a, const float *b) {
     double sum = 0;
     for (int i = 0; i < 3; i++)
         sum += ((double)a[i] - b[i]) * ((double)a[i] - b[i]);
-    return nextafterf((float)sqrt(sum), INFINITY);
+    return sum;
+}
+
+/* Rises with the square. */
+static float length_of(double square) {
+    return nextafterf((float)sqrt(square), INFINITY);
 }
 
 mni_node_bounds mni_leaf_bounds(const mni_surface *s, const float *normal, uint32_t v) {
     const mni_fan *f = &s->vertex[v].fan;
     const float *p = s->vertex[v].p;
-    float axis[3] = {0, 0, 0}, radius = 0, least = 1;
+    float axis[3] = {0, 0, 0}, least = 1;
+    double farthest = 0;
     for (uint32_t i = 0; i < f->count; i++) {
         uint32_t t = s->pool[f->first + i];
         mni_corner c = mni_simplex_corner(&s->simplex[t], v);
-        float a = distance(p, s->vertex[c.next].p), b = distance(p, s->vertex[c.previous].p);
-        radius = fmaxf(radius, fmaxf(a, b));
+        double a = square_of_distance(p, s->vertex[c.next].p),
+               b = square_of_distance(p, s->vertex[c.previous].p);
+        a = a > b ? a : b;
+        farthest = a > farthest ? a : farthest;
         for (int j = 0; j < 3; j++)
             axis[j] += normal[3 * (size_t)t + j];
     }
@@ -38,12 +46,14 @@ mni_node_bounds mni_leaf_bounds(const mni_surface *s, const float *normal, uint3
         least = cosine < least ? cosine : least;
     }
     float angle = least <= -1 ? (float)M_PI : acosf(least) + NORMAL_ERROR_RAD;
+    const float radius = f->count > 0 ? length_of(farthest) : 0;
     return (mni_node_bounds){radius, mn_cone_make(axis, angle)};
 }
 
 mni_node_bounds mni_parent_bounds(const float left_p[3], mni_node_bounds left,
                                   const float right_p[3], mni_node_bounds right) {
-    float reach = nextafterf(distance(left_p, right_p) + right.radius, INFINITY);
+    float reach =
+        nextafterf(length_of(square_of_distance(left_p, right_p)) + right.radius, INFINITY);
     return (mni_node_bounds){mni_radius_up(left.radius > reach ? left.radius : reach),
                              mn_cone_merge(left.cone, right.cone)};
 }

@@ -118,7 +118,7 @@ static mni_wire_reach get_reach(const mni_wire_pen *pen, const unsigned char **a
 bool mni_wire_on_grid(const float p[3], float step) {
     for (int i = 0; i < 3; i++) {
         float x = p[i] / step;
-        if (!(fabsf(x) < 1 << PLACE_BITS && rintf(x) == x && x * step == p[i]))
+        if (!(fabsf(x) < 1 << PLACE_BITS && (float)(int32_t)x == x && x * step == p[i]))
             return false;
     }
     return true;

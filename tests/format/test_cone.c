@@ -1,5 +1,6 @@
 /* Goal: quantised cones never lose a normal, and parents enclose children as decoded.
- * Method: random and extreme cones, compared with their exact originals in double. */
+ * Method: random and extreme cones, compared with their exact originals in double; merging also
+ * with the same computed plainly, every angle by atan2, bit for bit. */
 #include <check.h>
 #include <math.h>
 #include <stdio.h>
@@ -80,6 +81,115 @@ START_TEST(merged_cones_enclose_both) {
 }
 END_TEST
 
+/* ---- as it is defined ----------------------------------------------------------------------- */
+
+#define UNIT_RAD (3.14159265358979323846 / 2 / MN_CONE_NO_BOUND)
+
+static void plain_decode(mn_cone cone, double axis[3]) {
+    double x = cone.axis[0] / (double)MN_CONE_AXIS, y = cone.axis[1] / (double)MN_CONE_AXIS,
+           z = 1 - fabs(x) - fabs(y);
+    if (z < 0) {
+        double folded = (1 - fabs(y)) * (x >= 0 ? 1 : -1);
+        y = (1 - fabs(x)) * (y >= 0 ? 1 : -1);
+        x = folded;
+    }
+    double length = sqrt(x * x + y * y + z * z);
+    axis[0] = x / length, axis[1] = y / length, axis[2] = z / length;
+}
+
+static mn_cone plain_encode(const double axis[3]) {
+    double sum = fabs(axis[0]) + fabs(axis[1]) + fabs(axis[2]);
+    double x = axis[0] / sum, y = axis[1] / sum;
+    if (axis[2] < 0) {
+        double folded = (1 - fabs(y)) * (x >= 0 ? 1 : -1);
+        y = (1 - fabs(x)) * (y >= 0 ? 1 : -1);
+        x = folded;
+    }
+    return (mn_cone){{(int8_t)lrint(x * MN_CONE_AXIS), (int8_t)lrint(y * MN_CONE_AXIS)}, 0};
+}
+
+static double plain_angle(const double u[3], const double v[3]) {
+    double c[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
+    return atan2(sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]),
+                 u[0] * v[0] + u[1] * v[1] + u[2] * v[2]);
+}
+
+static bool plain_encloses(mn_cone outer, mn_cone inner) {
+    double u[3], v[3];
+    plain_decode(outer, u);
+    plain_decode(inner, v);
+    return outer.angle == MN_CONE_NO_BOUND ||
+           plain_angle(u, v) + inner.angle * UNIT_RAD <= outer.angle * UNIT_RAD;
+}
+
+static void plain_turn(const double u[3], const double v[3], double by, double out[3]) {
+    double along = u[0] * v[0] + u[1] * v[1] + u[2] * v[2], w[3];
+    for (int i = 0; i < 3; i++)
+        w[i] = v[i] - along * u[i];
+    double length = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
+    if (length < 1e-9) {
+        int least = fabs(u[0]) < fabs(u[1]) ? 0 : 1;
+        least = fabs(u[2]) < fabs(u[least]) ? 2 : least;
+        for (int i = 0; i < 3; i++)
+            w[i] = (i == least) - u[least] * u[i];
+        length = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
+    }
+    for (int i = 0; i < 3; i++)
+        out[i] = cos(by) * u[i] + sin(by) * w[i] / length;
+}
+
+static mn_cone plain_merge(mn_cone a, mn_cone b) {
+    const mn_cone everything = {{0, 0}, MN_CONE_NO_BOUND};
+    if (a.angle == MN_CONE_NO_BOUND || b.angle == MN_CONE_NO_BOUND)
+        return everything;
+    if (plain_encloses(a, b) || plain_encloses(b, a))
+        return plain_encloses(a, b) ? a : b;
+    double u[3], v[3], axis[3], alpha = a.angle * UNIT_RAD, beta = b.angle * UNIT_RAD;
+    plain_decode(a, u);
+    plain_decode(b, v);
+    double half = (plain_angle(u, v) + alpha + beta) / 2;
+    if (half >= 3.14159265358979323846)
+        return everything;
+    plain_turn(u, v, half - alpha, axis);
+    mn_cone cone = plain_encode(axis);
+    plain_decode(cone, axis);
+    double units = ceil(fmax(plain_angle(axis, u) + alpha, plain_angle(axis, v) + beta) / UNIT_RAD);
+    if (units >= MN_CONE_NO_BOUND)
+        return everything;
+    for (cone.angle = (uint8_t)units; !(plain_encloses(cone, a) && plain_encloses(cone, b));)
+        cone.angle++;
+    return cone.angle == MN_CONE_NO_BOUND ? everything : cone;
+}
+
+/* Any codes, near ones, opposite ones; narrow ones and wide ones. */
+static void random_pair(int round, mn_cone *a, mn_cone *b) {
+    const double widest = round % 2 == 0 ? 254 : 12;
+    *a = (mn_cone){{(int8_t)(255 * chance() - 127), (int8_t)(255 * chance() - 127)},
+                   (uint8_t)(widest * chance())};
+    *b = (mn_cone){{(int8_t)(255 * chance() - 127), (int8_t)(255 * chance() - 127)},
+                   (uint8_t)(widest * chance())};
+    const int near = round % 5;
+    for (int i = 0; i < 2 && near < 3; i++) {
+        const int at = (near == 2 ? -1 : 1) * a->axis[i] + (int)(near * (3 * chance() - 1));
+        b->axis[i] = (int8_t)(at < -127 ? -127 : at > 127 ? 127 : at);
+    }
+}
+
+START_TEST(merged_as_defined) {
+    for (int round = 0; round < 400000; round++) {
+        mn_cone a, b;
+        random_pair(round, &a, &b);
+        const mn_cone is = mn_cone_merge(a, b), should = plain_merge(a, b);
+        ck_assert_msg(is.axis[0] == should.axis[0] && is.axis[1] == should.axis[1] &&
+                          is.angle == should.angle,
+                      "(%d %d) %d and (%d %d) %d: (%d %d) %d instead of (%d %d) %d", a.axis[0],
+                      a.axis[1], a.angle, b.axis[0], b.axis[1], b.angle, is.axis[0], is.axis[1],
+                      is.angle, should.axis[0], should.axis[1], should.angle);
+        ck_assert(mni_cone_encloses(a, b, 0) == plain_encloses(a, b));
+    }
+}
+END_TEST
+
 START_TEST(no_bound_is_kept) {
     float zero[3] = {0, 0, 0}, up[3] = {0, 1, 0}, bad[3] = {NAN, 0, 0};
     ck_assert_uint_eq(mn_cone_make(zero, 0.1f).angle, MN_CONE_NO_BOUND);
@@ -109,6 +219,7 @@ int main(void) {
     tcase_add_unchecked_fixture(t, seed, NULL);
     tcase_add_test(t, made_cones_enclose);
     tcase_add_test(t, merged_cones_enclose_both);
+    tcase_add_test(t, merged_as_defined);
     tcase_add_test(t, no_bound_is_kept);
     tcase_add_test(t, any_code_decodes_to_a_unit_axis);
     suite_add_tcase(s, t);
