@@ -1,8 +1,8 @@
 /* What a pass has still to do. See agenda.h.
  *
  * Hides: a run sorted by radix, which costs a few nanoseconds an item where a heap costs its
- * logarithm in cache misses, and a small heap for what comes later. Navigate only; memory from the
- * arena at open. Paper: none. */
+ * logarithm in cache misses, and a small heap, or a queue, for what comes later. Navigate only;
+ * memory from the arena at open. Paper: none. */
 #include "agenda.h"
 
 #include <string.h>
@@ -24,8 +24,9 @@ void mni_agenda_open(mni_agenda *a, uint32_t max, mni_arena *arena) {
 }
 
 void mni_agenda_clear(mni_agenda *a) {
-    a->heap = 0;
+    a->heap = a->head = 0;
     a->next = a->max;
+    a->queues = false;
 }
 
 static inline uint64_t rank(const mni_agenda_item *item) {
@@ -74,7 +75,22 @@ static void heapify(mni_agenda_item *item, uint32_t count) {
         sift_down(item, count, at, item[at]);
 }
 
+/* At the end; what has been taken from the front is room. */
+static void queue_push(mni_agenda *a, mni_agenda_item item) {
+    if (a->heap == a->next) {
+        MN_ASSERT(a->head > 0);
+        memmove(a->item, a->item + a->head, (a->heap - a->head) * sizeof *a->item);
+        a->heap -= a->head;
+        a->head = 0;
+    }
+    a->item[a->heap++] = item;
+}
+
 void mni_agenda_push(mni_agenda *a, mni_agenda_item item) {
+    if (a->queues) {
+        queue_push(a, item);
+        return;
+    }
     MN_ASSERT(!mni_agenda_is_full(a));
     sift_up(a->item, 0, a->heap++, item);
 }
@@ -98,6 +114,15 @@ static void radix_pass(const mni_agenda_item *from, mni_agenda_item *to, uint32_
         to[start[(from[i].key >> shift) & 2047]++] = from[i];
 }
 
+/* By their keys, to the end of the array: there they begin. */
+static mni_agenda_item *sort(mni_agenda *a) {
+    mni_agenda_item *end = a->item + (a->max - a->heap);
+    radix_pass(a->item, end, a->heap, 0);
+    radix_pass(end, a->item, a->heap, 11);
+    radix_pass(a->item, end, a->heap, 22);
+    return end;
+}
+
 /* Equal keys are few, or nearly sorted already. false: they are not, as in a file where every node
  * has one error, and the order of all is unsettled. */
 static bool insert_ties(mni_agenda_item *item, uint32_t count) {
@@ -115,14 +140,11 @@ static bool insert_ties(mni_agenda_item *item, uint32_t count) {
 
 void mni_agenda_begin(mni_agenda *a) {
     uint32_t count = a->heap;
-    mni_agenda_item *end = a->item + (a->max - count);
     if (count < FEW || 2 * count > a->max) {
         heapify(a->item, count); /* and they stay there */
         return;
     }
-    radix_pass(a->item, end, count, 0);
-    radix_pass(end, a->item, count, 11);
-    radix_pass(a->item, end, count, 22);
+    mni_agenda_item *end = sort(a);
     if (!insert_ties(end, count)) {
         memcpy(a->item, end, count * sizeof *end);
         heapify(a->item, count);
@@ -132,7 +154,33 @@ void mni_agenda_begin(mni_agenda *a) {
     a->next = a->max - count;
 }
 
+void mni_agenda_begin_queue(mni_agenda *a) {
+    const uint32_t count = a->heap;
+    a->queues = true;
+    if (count < FEW || 2 * count > a->max)
+        return; /* they are a queue as they stand */
+    sort(a);
+    a->heap = 0;
+    a->next = a->max - count;
+}
+
+/* Of a queue. */
+static bool queue_pop(mni_agenda *a, mni_agenda_item *out) {
+    if (a->head < a->heap) {
+        *out = a->item[a->head++];
+        if (a->head == a->heap)
+            a->head = a->heap = 0;
+        return true;
+    }
+    if (a->next == a->max)
+        return false;
+    *out = a->item[a->next++];
+    return true;
+}
+
 bool mni_agenda_pop(mni_agenda *a, mni_agenda_item *out) {
+    if (a->queues)
+        return queue_pop(a, out);
     bool sorted = a->next < a->max;
     if (!sorted && a->heap == 0)
         return false;
@@ -147,7 +195,7 @@ bool mni_agenda_pop(mni_agenda *a, mni_agenda_item *out) {
     return true;
 }
 
-mni_agenda_item *mni_agenda_ahead(mni_agenda *a, uint32_t *count) {
+const mni_agenda_item *mni_agenda_ahead(mni_agenda *a, uint32_t *count) {
     uint32_t left = a->max - a->next;
     *count = *count < left ? *count : left;
     return a->item + a->next;

@@ -1,4 +1,5 @@
-/* What a pass has still to do, smallest key first, equal keys by the lower order id.
+/* What a pass has still to do, smallest key first, equal keys by the lower order id; or, of what
+ * turns up later, first come first.
  *
  * What is known at the start is added and sorted at once; what turns up later is pushed. Navigate
  * only; a fixed array of the arena's.
@@ -25,6 +26,8 @@ typedef struct mni_agenda {
     uint32_t max;
     uint32_t heap; /* items in the heap; before begin: added */
     uint32_t next; /* first of the sorted ones; max: there are no more */
+    bool queues;   /* what is pushed is taken in the order of pushing, before the sorted ones … */
+    uint32_t head; /* … from there, up to `heap` */
 } mni_agenda;
 
 size_t mni_agenda_need(uint32_t max);
@@ -33,6 +36,9 @@ void mni_agenda_open(mni_agenda *agenda, uint32_t max, mni_arena *arena);
 /* clear; add all that is known; begin; then pop, push, keep in any order. */
 void mni_agenda_clear(mni_agenda *agenda);
 void mni_agenda_begin(mni_agenda *agenda);
+/* Instead of begin: what is pushed later is a queue, which goes before what was added; few items,
+ * of any order, are its first. Then pop and push only. */
+void mni_agenda_begin_queue(mni_agenda *agenda);
 static inline bool mni_agenda_is_full(const mni_agenda *agenda) {
     return agenda->heap == agenda->next;
 }
@@ -45,8 +51,8 @@ static inline void mni_agenda_add_if(mni_agenda *agenda, mni_agenda_item item, b
 void mni_agenda_push(mni_agenda *agenda, mni_agenda_item item);
 bool mni_agenda_pop(mni_agenda *agenda, mni_agenda_item *out); /* false: empty */
 /* What is to be popped next as far as nothing is pushed before it: up to count items, *count of
- * them. Their `order` may be changed where no two keys are equal. */
-mni_agenda_item *mni_agenda_ahead(mni_agenda *agenda, uint32_t *count);
+ * them. */
+const mni_agenda_item *mni_agenda_ahead(mni_agenda *agenda, uint32_t *count);
 /* Takes a bit off the keys of all that has been pushed. O(items pushed). */
 void mni_agenda_unmark(mni_agenda *agenda, uint32_t bit);
 /* Drops what is not worth keeping. O(items). */

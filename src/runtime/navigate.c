@@ -29,14 +29,8 @@
 #include "refusals.h"
 #include "split_key.h"
 
-enum {
-    SMALL_TRIANGLES = 2000,
-    FETCHED = 12, /* nodes to split */
-    AHEAD = 16,   /* forks to test */
-};
-/* Of forks on the agenda, in place of an order id. WAITS: it is on its blocker's list already. */
-enum { UNTESTED = 0, FREE, WAITS };
-#define NOBODY UINT16_MAX /* has pushed the first of a stack */
+enum { SMALL_TRIANGLES = 2000, FETCHED = 12, TOGETHER = 16 }; /* nodes to split; forks to test */
+#define NOBODY UINT16_MAX                                     /* has pushed the first of a stack */
 
 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet */
 #define CLOCK_MAX 1000
@@ -96,6 +90,12 @@ static uint32_t fork_key(const mni_navigator *nav, uint32_t fork) {
     return nav->crowded ? b->leaf_lo : b->order;
 }
 
+/* A fork that is not wanted, during the pass. */
+static void push_fork(mni_navigator *nav, uint32_t fork) {
+    if (!stays_early(nav, fork))
+        mni_agenda_push(&nav->agenda, (mni_agenda_item){0, fork_key(nav, fork), fork});
+}
+
 /* The fork, if it is one and not wanted. It is new: so it is looked at in the next frame. */
 static void consider_fork(mni_navigator *nav, uint32_t fork) {
     if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
@@ -104,7 +104,7 @@ static void consider_fork(mni_navigator *nav, uint32_t fork) {
     mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
     double priority_px;
     if (!mni_sieve_wants(&nav->sieve, &nav->lens, &bounds, &priority_px))
-        mni_agenda_push(&nav->agenda, (mni_agenda_item){UNTESTED, fork_key(nav, fork), fork});
+        push_fork(nav, fork);
 }
 
 /* Those of a batch of forks that are not wanted, onto the agenda, but those that wait already. */
@@ -128,13 +128,13 @@ static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
         if (wants & waits)
             mni_waiting_drop(&nav->waiting, fork[i]);
         wants = wants || (!waits && stays_early(nav, fork[i]));
-        mni_agenda_add_if(&nav->agenda,
-                          (mni_agenda_item){UNTESTED, fork_key(nav, fork[i]), fork[i]},
+        mni_agenda_add_if(&nav->agenda, (mni_agenda_item){0, fork_key(nav, fork[i]), fork[i]},
                           !(wants | waits));
     }
 }
 
-/* A fork whose next look is not due is wanted still, or not wanted still and waits. */
+/* A fork whose next look is not due is wanted still, or not wanted still and waits. In a crowd who
+ * comes later goes first: it is where the last ones were. */
 static void collapse_agenda(mni_navigator *nav, uint32_t *tests) {
     const mni_front *front = &nav->front;
     uint32_t fork[MNI_SIEVE_BATCH];
@@ -153,59 +153,65 @@ static void collapse_agenda(mni_navigator *nav, uint32_t *tests) {
         }
     judge_forks(nav, fork, count);
     *tests = nav->agenda.heap;
-    mni_agenda_begin(&nav->agenda);
+    (nav->crowded ? mni_agenda_begin_queue : mni_agenda_begin)(&nav->agenda);
 }
 
-/* The fork waits for a node that blocks it, if there is one. */
-static bool has_to_wait(mni_navigator *nav, uint32_t fork, uint32_t blocker) {
-    if (blocker != MN_NONE)
-        mni_waiting_add(&nav->waiting, fork, blocker);
-    return blocker != MN_NONE;
+static inline void fetch_children(const mni_front *front, uint32_t fork) {
+    mni_front_fetch_node(front, front->branch[fork].child[0]);
+    mni_front_fetch_node(front, front->branch[fork].child[1]);
 }
 
 /* The node in a slot has gone. Those that waited for it have higher order ids than its parent, so
  * their turn is still to come; their nodes are asked for. */
 static void wake(mni_navigator *nav, uint32_t slot) {
-    const mni_front *front = &nav->front;
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, slot); fork != MN_NONE;
          fork = mni_waiting_next(&nav->waiting, fork)) {
-        mni_front_fetch_node(front, front->branch[fork].child[0]);
-        mni_front_fetch_node(front, front->branch[fork].child[1]);
-        mni_agenda_push(&nav->agenda, (mni_agenda_item){UNTESTED, fork_key(nav, fork), fork});
+        fetch_children(&nav->front, fork);
+        push_fork(nav, fork);
     }
 }
 
-/* What is to be popped next is tested together, so that what each needs of the memory is on its way
+/* Forks whose turn it is. */
+static uint32_t next_forks(mni_navigator *nav, uint32_t *fork, uint32_t room) {
+    mni_agenda_item item;
+    uint32_t count = 0;
+    for (; count < room && mni_agenda_pop(&nav->agenda, &item); count++) {
+        __builtin_prefetch(&nav->front.branch[item.what]);
+        fork[count] = item.what;
+    }
+    return count;
+}
+
+/* Those whose turn it is are tested together, so that what each needs of the memory is on its way
  * while the others are: nodes, then simplices, then neighbours. Who is free stays free until its
  * turn: what collapses before it was no neighbour of its, or it would have blocked it. For those
- * its parent is asked for, and who waits for its children. Returns up to where, in the agenda. */
-static uint32_t look_ahead(mni_navigator *nav) {
+ * its parent is asked for, and who waits for its children; the others wait. Returns how many are
+ * free. */
+static uint32_t test_forks(mni_navigator *nav, uint32_t *fork, uint32_t count) {
     mni_front *front = &nav->front;
-    uint32_t count = AHEAD, blocker[AHEAD];
-    mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &count);
+    uint32_t blocker[TOGETHER], kept = 0;
     for (uint32_t i = 0; i < count; i++)
-        __builtin_prefetch(&front->branch[next[i].what]);
-    for (uint32_t i = 0; i < count; i++)
-        for (int side = 0; side < 2; side++)
-            mni_front_fetch_node(front, front->branch[next[i].what].child[side]);
+        fetch_children(front, fork[i]);
     for (uint32_t i = 0; i < count; i++)
         for (int side = 0; side < 2; side++)
-            mni_front_fetch_simplices(front, front->branch[next[i].what].child[side], false);
+            mni_front_fetch_simplices(front, front->branch[fork[i]].child[side], false);
     for (uint32_t i = 0; i < count; i++)
         for (int side = 0; side < 2; side++)
-            mni_front_fetch_ring(front, front->branch[next[i].what].child[side]);
+            mni_front_fetch_ring(front, front->branch[fork[i]].child[side]);
     for (uint32_t i = 0; i < count; i++)
-        blocker[i] = mni_front_collapse_blocker(front, next[i].what);
+        blocker[i] = mni_front_collapse_blocker(front, fork[i]);
     for (uint32_t i = 0; i < count; i++) {
-        const mni_front_branch *b = &front->branch[next[i].what];
-        next[i].order = has_to_wait(nav, next[i].what, blocker[i]) ? WAITS : FREE;
-        if (blocker[i] != MN_NONE)
+        const mni_front_branch *b = &front->branch[fork[i]];
+        if (blocker[i] != MN_NONE) {
+            mni_waiting_add(&nav->waiting, fork[i], blocker[i]);
             continue;
+        }
         __builtin_prefetch(&front->branch[b->parent]);
         mni_waiting_fetch(&nav->waiting, b->slot);
-        mni_waiting_fetch(&nav->waiting, next[i].what);
+        mni_waiting_fetch(&nav->waiting, fork[i]);
+        fork[kept++] = fork[i];
     }
-    return nav->agenda.next + count;
+    return kept;
 }
 
 static void collapse(mni_navigator *nav, uint32_t fork) {
@@ -236,28 +242,23 @@ static void collapse(mni_navigator *nav, uint32_t fork) {
     consider_fork(nav, parent);
 }
 
+/* With a budget, where the order decides, and in a small front one has its turn at a time. */
 static void collapse_pass(mni_navigator *nav) {
-    mni_agenda_item item;
-    uint32_t looked = 0; /* up to there, of the agenda's sorted items */
-    uint32_t tests;
+    const bool alone = nav->ops_max > 0 || nav->front.active < MNI_PLACES_MIN;
+    uint32_t fork[TOGETHER], count, tests;
     collapse_agenda(nav, &tests);
-    for (;;) {
-        if (nav->agenda.next >= looked)
-            looked = look_ahead(nav);
-        if (!mni_agenda_pop(&nav->agenda, &item))
-            break;
-        if (item.order == WAITS || (item.order == UNTESTED && stays_early(nav, item.what)) ||
-            (item.order == UNTESTED &&
-             has_to_wait(nav, item.what, mni_front_collapse_blocker(&nav->front, item.what))))
-            continue;
-        MN_ASSERT_SLOW(mni_front_collapse_blocker(&nav->front, item.what) == MN_NONE);
-        if (nav->ops_max > 0 && ops(nav) >= nav->ops_max) {
-            nav->work.refused_budget++;
-            nav->work.refused_collapse = true;
-            nav->fork_due[item.what] = LOOK;
-            continue;
+    while ((count = next_forks(nav, fork, alone ? 1 : TOGETHER)) > 0) {
+        count = test_forks(nav, fork, count);
+        for (uint32_t i = 0; i < count; i++) {
+            MN_ASSERT_SLOW(mni_front_collapse_blocker(&nav->front, fork[i]) == MN_NONE);
+            if (nav->ops_max > 0 && ops(nav) >= nav->ops_max) {
+                nav->work.refused_budget++;
+                nav->work.refused_collapse = true;
+                nav->fork_due[fork[i]] = LOOK;
+            } else {
+                collapse(nav, fork[i]);
+            }
         }
-        collapse(nav, item.what);
     }
     nav->work.waits_dependency = nav->waiting.count;
     nav->crowded = nav->by_place && tests > nav->front.active / MNI_CROWD_SHARE;

@@ -1,5 +1,6 @@
-/* Goal: whatever is added, pushed and dropped, items come out smallest first. Method: random work
- * against a sorted list of what must be there, in agendas of every size from one item on. */
+/* Goal: whatever is added, pushed and dropped, items come out smallest first, or, of a queue, first
+ * come first. Method: random work against a list of what must be there, in agendas of every size
+ * from one item on. */
 #include <check.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -34,6 +35,10 @@ static uint32_t least(const mni_agenda_item *item, uint32_t count) {
 
 static bool is_odd(const void *context, mni_agenda_item item) {
     return context == NULL && item.what % 2 == 1;
+}
+
+static int by_rank(const void *a, const void *b) {
+    return before(*(const mni_agenda_item *)a, *(const mni_agenda_item *)b) ? -1 : 1;
 }
 
 static mni_agenda_item new_item(uint32_t serial, uint32_t keys) {
@@ -93,6 +98,49 @@ START_TEST(smallest_first) {
 }
 END_TEST
 
+/* A queue: what is pushed, in that order, before what was added, in the order of keys; few, or more
+ * than there is room to sort, have that of adding. The room of what was taken is there again. */
+static void exercise_queue(uint32_t max, uint32_t added) {
+    static mni_agenda_item first[MAX], later[5 * MAX];
+    mni_agenda agenda;
+    mni_arena arena = open_agenda(&agenda, max);
+    mni_agenda_item item;
+    uint32_t next = 0, head = 0, tail = 0;
+    for (uint32_t i = 0; i < added; i++) {
+        first[i] = (mni_agenda_item){.key = uniform(50), .order = i, .what = i};
+        mni_agenda_add(&agenda, first[i]);
+    }
+    mni_agenda_begin_queue(&agenda);
+    if (agenda.next < max)
+        qsort(first, added, sizeof *first, by_rank);
+    else
+        for (; next < added; next++)
+            later[tail++] = first[next];
+    for (uint32_t step = 0; step < 4 * max; step++) {
+        const bool there = head < tail || next < added;
+        if (uniform(2) == 0 && tail - head + added - next < max) {
+            later[tail] = (mni_agenda_item){.key = uniform(50), .order = MAX + step, .what = step};
+            mni_agenda_push(&agenda, later[tail++]);
+        } else {
+            ck_assert(mni_agenda_pop(&agenda, &item) == there);
+            if (!there)
+                continue;
+            const mni_agenda_item *is = head < tail ? &later[head++] : &first[next++];
+            ck_assert(item.key == is->key && item.order == is->order && item.what == is->what);
+        }
+    }
+    mni_arena_close(&arena);
+}
+
+START_TEST(queue_goes_first) {
+    static const uint32_t sizes[] = {1, 2, 3, 255, 256, 600, MAX};
+    const uint32_t max = sizes[_i % 7];
+    exercise_queue(max, 0);
+    exercise_queue(max, max / 2);
+    exercise_queue(max, max);
+}
+END_TEST
+
 /* So many equal keys, the latest first, that no insertion should sort them. */
 START_TEST(many_ties) {
     enum { TIES = 1 << 17 };
@@ -146,6 +194,7 @@ int main(void) {
     TCase *tc = tcase_create("agenda");
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, smallest_first, 0, 7);
+    tcase_add_loop_test(tc, queue_goes_first, 0, 7);
     tcase_add_test(tc, many_ties);
     tcase_add_test(tc, put_off_and_back);
     suite_add_tcase(suite, tc);
