@@ -27,7 +27,7 @@ static double dot(const double *a, const double *b) {
 }
 
 mn_code mni_judge_room(mni_judge *j, uint32_t vertices, uint32_t triangles, mn_status *st) {
-    *j = (mni_judge){.ring_room = RING_ROOM};
+    *j = (mni_judge){.ring_room = RING_ROOM, .wheel_of = MN_NONE};
     const size_t normals_bytes = (size_t)triangles * 3 * sizeof *j->normal;
     j->normal = mni_mem_take(normals_bytes, normals_bytes);
     j->seen = mni_mem_take_zeroed(vertices * sizeof *j->seen);
@@ -154,8 +154,16 @@ static bool goes_round(mni_judge *j, uint32_t first) {
     return at == first;
 }
 
+bool mni_judge_wheel(mni_judge *j, mni_surface *s, uint32_t v) {
+    if (j->wheel_of == v)
+        return true;
+    bool has = mni_surface_wheel(s, v, &j->wheel);
+    j->wheel_of = has ? v : MN_NONE;
+    return has;
+}
+
 void mni_judge_look(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
-    j->round = mni_surface_wheel(s, r, &j->wheel) && goes_round(j, k);
+    j->round = mni_judge_wheel(j, s, r) && goes_round(j, k);
     if (j->round)
         j->ring_count = j->wheel.count;
     else
@@ -163,7 +171,7 @@ void mni_judge_look(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
 }
 
 bool mni_judge_regular(mni_judge *j, mni_surface *s, uint32_t v) {
-    j->round = mni_surface_wheel(s, v, &j->wheel) && goes_round(j, j->wheel.next[0]);
+    j->round = mni_judge_wheel(j, s, v) && goes_round(j, j->wheel.next[0]);
     j->ring_count = j->round ? j->wheel.count : 0;
     return j->round;
 }

@@ -42,8 +42,9 @@ typedef struct mni_judge {
     /* The ring looked at last. */
     uint32_t *around; /* its vertices */
     uint32_t ring_count, ring_room;
-    bool round; /* triangles once round, k first: wheel, spoke, and no ring[] */
-    mni_wheel wheel;
+    bool round;        /* triangles once round, k first: wheel, spoke, and no ring[] */
+    mni_wheel wheel;   /* of the vertex looked at last that has one */
+    uint32_t wheel_of; /* which it is; MN_NONE: none, or the surface has changed since */
     uint32_t spoke[MNI_WHEEL_MAX]; /* in the wheel, the triangle between around[i] and the next */
     mni_ring_vertex *ring;
     uint64_t *seen; /* a vertex: epoch << 32 | index in ring */
@@ -60,6 +61,12 @@ mn_code mni_judge_room(mni_judge *judge, uint32_t vertices, uint32_t triangles, 
 void mni_judge_fill(mni_judge *judge, const mni_surface *surface);
 void mni_judge_close(mni_judge *judge);
 
+/* Sees to it that judge->wheel is v's, which mostly it is. False: v has none. */
+bool mni_judge_wheel(mni_judge *judge, mni_surface *surface, uint32_t v);
+/* Whoever collapses something says so. */
+static inline void mni_judge_forget(mni_judge *judge) {
+    judge->wheel_of = MN_NONE;
+}
 /* Fills judge->around and judge->ring with the neighbours of v. */
 void mni_judge_ring(mni_judge *judge, mni_surface *surface, uint32_t v);
 /* Fills judge->around with the neighbours of r, and what else is cheapest: see judge->round. */

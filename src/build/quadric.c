@@ -3,6 +3,7 @@
 #include "simplify.h"
 
 #include <math.h>
+#include <string.h>
 
 /* A plane through the quadric's own vertex, from where distances count: no linear part. */
 static void add_plane(mni_vertex *q, const double n[3], double weight) {
@@ -80,4 +81,89 @@ void mni_quadric_add_triangle(mni_surface *surface, uint32_t v, uint32_t t) {
     double n[3], area = plane_of(surface, t, n);
     if (area > 0)
         add_plane(&surface->vertex[v], n, area);
+}
+
+/* ---- costs of a ring's candidates, side by side ---------------------------------------------- */
+
+typedef double lanes __attribute__((vector_size(32)));
+typedef uint64_t bits __attribute__((vector_size(32)));
+typedef float halves __attribute__((vector_size(16)));
+typedef int64_t order __attribute__((vector_size(32)));
+enum { LANES = 4 };
+
+_Static_assert(offsetof(mni_vertex, zz) == offsetof(mni_vertex, c) + 3 * sizeof(double) &&
+                   offsetof(mni_vertex, value) == 3 * sizeof(float),
+               "a place and a half of the quadric are a load each");
+
+/* As mni_collapse_cost has it, operation by operation. What is asked of neighbours comes in as rows
+ * and is turned into columns: to put it together number by number takes longer than what is done
+ * with it. */
+static inline __attribute__((always_inline)) void four_keys(const mni_vertex *r,
+                                                            const mni_vertex *const k[LANES],
+                                                            const uint32_t kept[LANES],
+                                                            mni_heap_key key[LANES]) {
+    halves p[LANES];
+    lanes q[LANES];
+    for (int l = 0; l < LANES; l++) {
+        memcpy(&p[l], k[l]->p, sizeof k[l]->p + sizeof k[l]->value);
+        memcpy(&q[l], &k[l]->c, sizeof q[l]);
+    }
+    const mni_four even = {0, 4, 2, 6}, odd = {1, 5, 3, 7}, low = {0, 1, 4, 5}, high = {2, 3, 6, 7};
+    halves xz0 = __builtin_shuffle(p[0], p[1], even), xz1 = __builtin_shuffle(p[2], p[3], even);
+    halves y0 = __builtin_shuffle(p[0], p[1], odd), y1 = __builtin_shuffle(p[2], p[3], odd);
+    lanes x = __builtin_convertvector(__builtin_shuffle(xz0, xz1, low), lanes) - (double)r->p[0];
+    lanes y = __builtin_convertvector(__builtin_shuffle(y0, y1, low), lanes) - (double)r->p[1];
+    lanes z = __builtin_convertvector(__builtin_shuffle(xz0, xz1, high), lanes) - (double)r->p[2];
+    const order near = {0, 4, 2, 6}, far = {1, 5, 3, 7}, left = {0, 1, 4, 5}, right = {2, 3, 6, 7};
+    lanes a = __builtin_shuffle(q[0], q[1], near), b = __builtin_shuffle(q[2], q[3], near);
+    lanes c = __builtin_shuffle(q[0], q[1], far), d = __builtin_shuffle(q[2], q[3], far);
+    lanes of_k = __builtin_shuffle(a, b, left), xx = __builtin_shuffle(c, d, left);
+    lanes yy = __builtin_shuffle(a, b, right), zz = __builtin_shuffle(c, d, right);
+    lanes length2 = x * x + y * y + z * z;
+    lanes share = MNI_LENGTH_SHARE * ((r->xx + r->yy + r->zz) + (xx + yy + zz));
+    lanes value =
+        r->xx * x * x + r->yy * y * y + r->zz * z * z +
+        2 * (r->xy * x * y + r->xz * x * z + r->yz * y * z + r->x * x + r->y * y + r->z * z) + r->c;
+    value = (lanes)((bits)value & (bits)(value > 0));
+    halves cost = __builtin_convertvector(value + of_k + share * length2, halves);
+    mni_four of, cost_bits;
+    memcpy(&of, kept, sizeof of);
+    memcpy(&cost_bits, &cost, sizeof cost_bits);
+    bits keys = __builtin_convertvector(cost_bits, bits) << 32 | __builtin_convertvector(of, bits);
+    memcpy(key, &keys, sizeof keys);
+}
+
+static inline __attribute__((always_inline)) void keys_of(const mni_vertex *vertex, uint32_t r,
+                                                          const uint32_t *kept, uint32_t count,
+                                                          mni_heap_key *key) {
+    for (uint32_t i = 0; i < count; i += LANES) {
+        const mni_vertex *k[LANES];
+        uint32_t of[LANES];
+        for (uint32_t l = 0; l < LANES; l++) {
+            of[l] = kept[i + (l & (0u - (i + l < count)))];
+            k[l] = &vertex[of[l]];
+        }
+        four_keys(&vertex[r], k, of, &key[i]);
+    }
+}
+
+void mni_collapse_keys_narrow(const mni_vertex *vertex, uint32_t r, const uint32_t *kept,
+                              uint32_t count, mni_heap_key *key) {
+    keys_of(vertex, r, kept, count, key);
+}
+
+#ifdef __x86_64__
+__attribute__((target("avx2"))) static void keys_wide(const mni_vertex *vertex, uint32_t r,
+                                                      const uint32_t *kept, uint32_t count,
+                                                      mni_heap_key *key) {
+    keys_of(vertex, r, kept, count, key);
+}
+#endif
+
+mni_collapse_keys *mni_collapse_keys_best(void) {
+#ifdef __x86_64__
+    if (__builtin_cpu_supports("avx2"))
+        return keys_wide;
+#endif
+    return mni_collapse_keys_narrow;
 }

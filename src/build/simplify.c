@@ -66,15 +66,14 @@ typedef struct choice {
     mni_heap_key from, least, best;
 } choice;
 
-static inline bool is_idle(const choice *c, uint32_t k, mni_heap_key key) {
-    return c->part != NULL && mni_wait_is_idle(c->part, c->r, k, key);
+static inline bool is_idle(const choice *c, mni_heap_key key) {
+    return c->part != NULL && mni_wait_is_idle(c->part, c->r, mni_heap_key_kept(key), key);
 }
 
-static inline void consider(const mni_simplifier *s, choice *c, uint32_t k) {
-    mni_heap_key key = key_of(s, c->r, k);
+static inline void consider(choice *c, mni_heap_key key) {
     c->least = key < c->least ? key : c->least;
     key = key < c->from ? MNI_HEAP_KEY_NONE : key;
-    if (key < c->best && !is_idle(c, k, key))
+    if (key < c->best && !is_idle(c, key))
         c->best = key;
 }
 
@@ -85,24 +84,45 @@ static void consider_slow(mni_simplifier *s, choice *of) {
         for (int c = 0; c < 3; c++) {
             uint32_t k = s->surface.simplex[fan[i]].v[c];
             if (k != r && k != MN_NONE)
-                consider(s, of, k);
+                consider(of, key_of(s, r, k));
         }
 }
 
+/* Looks at r's candidates, unless it is the one that was looked at last. False: it has no wheel. */
+static bool look_at(mni_simplifier *s, uint32_t r) {
+    mni_look *look = &s->look;
+    const mni_wheel *wheel = &s->judge.wheel;
+    uint32_t kept[2 * MNI_WHEEL_MAX], count = 0;
+    if (look->vertex == r)
+        return true;
+    if (!mni_judge_wheel(&s->judge, &s->surface, r))
+        return false;
+    for (uint32_t i = 0; i < wheel->count; i++)
+        __builtin_prefetch(&s->surface.vertex[wheel->next[i]]);
+    for (uint32_t i = 0; i < wheel->count; i++)
+        kept[count++] = wheel->next[i];
+    for (uint32_t i = 0; i < wheel->count; i++) { /* at boundaries alone something is left */
+        kept[count] = wheel->previous[i];
+        count += mni_wheel_find(wheel->next, wheel->count, wheel->previous[i]) == MNI_WHEEL_MAX;
+    }
+    if (s->desc.metric == MN_METRIC_QEM)
+        s->keys(s->surface.vertex, r, kept, count, look->key);
+    for (uint32_t i = 0; i < count && s->desc.metric != MN_METRIC_QEM; i++)
+        look->key[i] = key_of(s, r, kept[i]);
+    look->vertex = r;
+    look->count = count;
+    return true;
+}
+
 static void consider_all(mni_simplifier *s, choice *c) {
-    mni_wheel wheel;
+    const mni_look *look = &s->look;
     c->least = c->best = MNI_HEAP_KEY_NONE;
-    if (!mni_surface_wheel(&s->surface, c->r, &wheel)) {
+    if (!look_at(s, c->r)) {
         consider_slow(s, c);
         return;
     }
-    for (uint32_t i = 0; i < wheel.count; i++)
-        __builtin_prefetch(&s->surface.vertex[wheel.next[i]]);
-    for (uint32_t i = 0; i < wheel.count; i++)
-        consider(s, c, wheel.next[i]);
-    for (uint32_t i = 0; i < wheel.count; i++) /* at boundaries alone something is left */
-        if (mni_wheel_find(wheel.next, wheel.count, wheel.previous[i]) == MNI_WHEEL_MAX)
-            consider(s, c, wheel.previous[i]);
+    for (uint32_t i = 0; i < look->count; i++)
+        consider(c, look->key[i]);
 }
 
 /* The cheapest candidate of r that is not below `from`. */
@@ -156,7 +176,7 @@ static void look_for_next(mni_simplifier *s, mni_next *n, const choice *of) {
             if (k == of->r || k == MN_NONE)
                 continue;
             mni_heap_key key = key_of(s, of->r, k);
-            if (key >= of->from && !is_idle(of, k, key))
+            if (key >= of->from && !is_idle(of, key))
                 keep_least(n, key);
         }
 }
@@ -177,7 +197,7 @@ static mni_heap_key next_offer(mni_simplifier *s, uint32_t r, mni_heap_key from)
         uint32_t k = mni_heap_key_kept(key);
         if (key_of(s, r, k) != key)
             n->vertex = MN_NONE;
-        else if (key >= from && !is_idle(&of, k, key))
+        else if (key >= from && !is_idle(&of, key))
             return key;
     }
 }
@@ -620,6 +640,8 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
     if (!(j->round ? mni_surface_collapse_round(&s->surface, &j->wheel, r, k, s->made.count)
                    : mni_surface_collapse(&s->surface, r, k, s->made.count)))
         return mn_fail(s->st, MN_FAILED, "out of memory while simplifying");
+    mni_judge_forget(j);
+    s->look.vertex = MN_NONE;
     mni_heap_remove(&s->heap, r);
     if (s->desc.metric == MN_METRIC_QEM) {
         mni_quadric_add(&vertex[k], &vertex[r]);

@@ -61,6 +61,13 @@ static inline float mni_collapse_cost(const mni_vertex *r, const mni_vertex *k, 
     return (float)(mni_quadric_at(r, d) + k->c + share * length2);
 }
 
+/* The keys of some of r's candidates; key[] has room for a multiple of four. By qem. */
+typedef void mni_collapse_keys(const mni_vertex *vertex, uint32_t r, const uint32_t *kept,
+                               uint32_t count, mni_heap_key *key);
+/* quadric.c: the same bits, as wide as this machine can, and as all can. */
+mni_collapse_keys *mni_collapse_keys_best(void);
+mni_collapse_keys mni_collapse_keys_narrow;
+
 /* Collapses as they were made: r, which went into k, is the right child. Nodes are numbered as they
  * come: those that vertices began with, then a collapse each. */
 typedef struct mni_collapses {
@@ -105,6 +112,13 @@ typedef struct mni_next {
     mni_heap_key key[MNI_NEXT_MAX]; /* rising; nothing is between them */
 } mni_next;
 
+/* What the vertex looked at last has for candidates: its wheel's vertices, each once, as keys.
+ * Stands until something collapses. */
+typedef struct mni_look {
+    uint32_t vertex, count; /* MN_NONE: nobody's */
+    mni_heap_key key[2 * MNI_WHEEL_MAX];
+} mni_look;
+
 typedef struct mni_simplifier {
     const mn_mesh *mesh;
     mn_simplify_desc desc;
@@ -113,6 +127,8 @@ typedef struct mni_simplifier {
     mni_witness_book witness;
     mni_heap heap;
     mni_hubs hubs;
+    mni_look look;
+    mni_collapse_keys *keys;
     mni_next next[MNI_NEXTS]; /* by vertex, hashed; since these were offered afresh */
     mni_collapses made;
     mni_part part;

@@ -63,6 +63,8 @@ mn_code mni_simplify_room(mni_simplifier *s, uint32_t n) {
     if (!mni_heap_open(&s->heap, n) || s->made.left == NULL || s->made.right == NULL ||
         s->made.value == NULL || s->leaf_bounds == NULL)
         return mn_fail(s->st, MN_FAILED, "out of memory for %u vertices", n);
+    s->keys = mni_collapse_keys_best();
+    s->look.vertex = MN_NONE;
     for (uint32_t i = 0; i < MNI_NEXTS; i++)
         s->next[i].vertex = MN_NONE;
     s->legal_last = n - 1;

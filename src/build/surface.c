@@ -128,6 +128,68 @@ static bool seems_long(const mni_surface *s, const mni_fan *f) {
     return alive > MNI_WHEEL_MAX;
 }
 
+enum { FOUR = 4 };
+
+/* Four simplices, as lanes: their first corners, their second ones, and so on. */
+typedef struct four_simplices {
+    mni_four id, v[3], killed;
+} four_simplices;
+
+/* From list[i] on; behind its end comes the first one again. */
+static inline __attribute__((always_inline)) four_simplices
+take_four(const mni_surface *s, const uint32_t *list, uint32_t i, uint32_t count) {
+    mni_four x[FOUR];
+    four_simplices four;
+    for (uint32_t l = 0; l < FOUR; l++) {
+        uint32_t at = list[i + (l & (0u - (i + l < count)))]; /* no branch */
+        four.id[l] = at;
+        memcpy(&x[l], &s->simplex[at], sizeof x[l]);
+    }
+    mni_four a = __builtin_shuffle(x[0], x[1], (mni_four){0, 4, 1, 5});
+    mni_four b = __builtin_shuffle(x[2], x[3], (mni_four){0, 4, 1, 5});
+    mni_four c = __builtin_shuffle(x[0], x[1], (mni_four){2, 6, 3, 7});
+    mni_four d = __builtin_shuffle(x[2], x[3], (mni_four){2, 6, 3, 7});
+    four.v[0] = __builtin_shuffle(a, b, (mni_four){0, 1, 4, 5});
+    four.v[1] = __builtin_shuffle(a, b, (mni_four){2, 3, 6, 7});
+    four.v[2] = __builtin_shuffle(c, d, (mni_four){0, 1, 4, 5});
+    four.killed = __builtin_shuffle(c, d, (mni_four){2, 3, 6, 7});
+    return four;
+}
+
+/* Four of v's list, from list[i] on, to the wheel, where `kept` are; the dead ones leave both.
+ * Returns how many are kept then. */
+static inline __attribute__((always_inline)) uint32_t read_four(const mni_surface *s, uint32_t v,
+                                                                mni_wheel *wheel, uint32_t *list,
+                                                                uint32_t i, uint32_t count,
+                                                                uint32_t kept, uint32_t *hinges) {
+    const four_simplices x = take_four(s, list, i, count);
+    const mni_four second = (mni_four)(x.v[1] == v), third = (mni_four)(x.v[2] == v);
+    const mni_four first = ~(second | third);
+    const mni_four alive =
+        (mni_four)(x.killed == MN_NONE) & (mni_four)((mni_four){0, 1, 2, 3} < count - i);
+    const mni_four next = (x.v[1] & first) | (x.v[2] & second) | (x.v[0] & third) | ~alive;
+    const mni_four previous = (x.v[2] & first) | (x.v[0] & second) | (x.v[1] & third) | ~alive;
+    const mni_four hinge = alive & (mni_four)(x.v[2] == MN_NONE);
+    const uint32_t bits = mni_four_bits(&alive);
+    *hinges |= mni_four_bits(&hinge);
+    if ((bits & (bits + 1)) == 0) { /* none dead before one alive */
+        memcpy(&wheel->simplex[kept], &x.id, sizeof x.id);
+        memcpy(&wheel->next[kept], &next, sizeof next);
+        memcpy(&wheel->previous[kept], &previous, sizeof previous);
+        for (uint32_t l = 0; kept != i && l < FOUR && (bits >> l & 1) != 0; l++)
+            list[kept + l] = x.id[l];
+        return kept + (uint32_t)__builtin_popcount(bits);
+    }
+    for (uint32_t l = 0; l < FOUR; l++) { /* the place may be the last one, and stays free */
+        if ((bits >> l & 1) == 0)
+            continue;
+        wheel->simplex[kept] = list[kept] = x.id[l];
+        wheel->next[kept] = next[l];
+        wheel->previous[kept++] = previous[l];
+    }
+    return kept;
+}
+
 bool mni_surface_wheel(mni_surface *s, uint32_t v, mni_wheel *wheel) {
     mni_fan *f = &s->vertex[v].fan;
     if (f->count > MNI_WHEEL_MAX) {
@@ -142,18 +204,8 @@ bool mni_surface_wheel(mni_surface *s, uint32_t v, mni_wheel *wheel) {
     memset(wheel->previous, 0xff, sizeof wheel->previous);
     uint32_t *list = &s->pool[f->first];
     uint32_t kept = 0, hinges = 0;
-    for (uint32_t i = 0; i < f->count; i++) {
-        const mni_simplex *x = &s->simplex[list[i]];
-        mni_corner c = mni_simplex_corner(x, v);
-        bool alive = x->killed == MN_NONE;
-        uint32_t none = alive ? 0 : MN_NONE; /* the place may be the last one, and stays free */
-        wheel->simplex[kept] = list[i];
-        wheel->next[kept] = c.next | none;
-        wheel->previous[kept] = c.previous | none;
-        hinges |= alive & (x->v[2] == MN_NONE);
-        list[kept] = list[i];
-        kept += alive;
-    }
+    for (uint32_t i = 0; i < f->count; i += FOUR)
+        kept = read_four(s, v, wheel, list, i, f->count, kept, &hinges);
     f->count = wheel->count = kept;
     return hinges == 0;
 }

@@ -1,4 +1,5 @@
-/* Goal: distances to a star are right, and the same bits at every width.
+/* Goal: distances to a star are right, and the same bits at every width; so are the keys of a
+ * vertex's candidates, and a wheel is what the list is.
  * Method: random fans of all kinds against the nearest place by brute force in double. */
 #include <check.h>
 #include <math.h>
@@ -6,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "simplify.h"
 #include "star.h"
 #include "tree_fixture.h"
 
@@ -201,6 +203,104 @@ START_TEST(before_and_after) {
 }
 END_TEST
 
+static bool is_in(const uint32_t *list, uint32_t count, uint32_t v) {
+    for (uint32_t i = 0; i < count; i++)
+        if (list[i] == v)
+            return true;
+    return false;
+}
+
+/* A wheel is the list of who is alive, in the list's order, with MN_NONE behind it. */
+static void check_wheel(mni_surface *s, uint32_t v) {
+    const mni_fan was = s->vertex[v].fan;
+    uint32_t list[MNI_WHEEL_MAX], behind = s->pool[was.first + was.count], kept = 0;
+    mni_wheel wheel;
+    for (uint32_t i = 0; i < was.count; i++) {
+        uint32_t x = s->pool[was.first + i];
+        if (s->simplex[x].killed == MN_NONE)
+            list[kept++] = x;
+    }
+    ck_assert(mni_surface_wheel(s, v, &wheel));
+    ck_assert_uint_eq(wheel.count, kept);
+    ck_assert_uint_eq(s->vertex[v].fan.count, kept);
+    ck_assert_uint_eq(s->pool[was.first + was.count], behind);
+    ck_assert_mem_eq(wheel.simplex, list, kept * sizeof *list);
+    ck_assert_mem_eq(&s->pool[was.first], list, kept * sizeof *list);
+    for (uint32_t i = 0; i < MNI_WHEEL_MAX; i++) {
+        mni_corner c = {0, MN_NONE, MN_NONE};
+        if (i < kept)
+            c = mni_simplex_corner(&s->simplex[list[i]], v);
+        ck_assert(wheel.next[i] == c.next && wheel.previous[i] == c.previous);
+        if (i < kept)
+            ck_assert(wheel.next[mni_wheel_find(wheel.next, kept, c.next)] == c.next &&
+                      mni_wheel_find(wheel.next, kept, c.next) <= i);
+    }
+    for (uint32_t n = 0; n < s->vertices; n++)
+        ck_assert((mni_wheel_find(wheel.next, kept, n) == MNI_WHEEL_MAX) ==
+                  !is_in(wheel.next, kept, n));
+}
+
+START_TEST(wheels_are_lists) {
+    float position[3 * (RIM_MAX + 1)];
+    uint32_t corner[3 * RIM_MAX];
+    random_state = fixture_seed(17);
+    for (int i = 0; i < 10 * ROUNDS; i++) {
+        mn_mesh mesh;
+        mn_status st = {0};
+        mni_surface surface;
+        draw_fan(&mesh, position, corner);
+        if (mesh.triangles > MNI_WHEEL_MAX)
+            mesh.triangles = fixture_random(&random_state) % (MNI_WHEEL_MAX + 1);
+        ck_assert_int_eq(mni_surface_open(&surface, &mesh, &st), MN_OK);
+        for (uint32_t t = 0; t < mesh.triangles; t++)
+            if (fixture_random(&random_state) % 8 < (uint32_t)i % 4)
+                surface.simplex[t].killed = t;
+        check_wheel(&surface, 0);
+        mni_surface_close(&surface);
+    }
+}
+END_TEST
+
+/* Keys made side by side are those made one by one, to the bit, at every width. */
+START_TEST(keys_are_costs) {
+    enum { VERTICES = 64, MAX = 2 * MNI_WHEEL_MAX };
+    static mni_vertex vertex[VERTICES];
+    random_state = fixture_seed(23);
+    for (int i = 0; i < 10 * ROUNDS; i++) {
+        uint32_t kept[MAX], count = fixture_random(&random_state) % (MAX + 1);
+        mni_heap_key wide[MAX], narrow[MAX];
+        float small = i % 3 == 0 ? 1e-12f : 1;
+        for (uint32_t v = 0; v < VERTICES; v++) {
+            double q[10];
+            for (int j = 0; j < 10; j++) /* some are below 0 at most places */
+                q[j] = small * ((double)draw_unit() - (j > 3 ? 0.5 : i % 2 == 0 ? 0.9 : 0));
+            q[0] = fabs(q[0]);
+            vertex[v] = (mni_vertex){.p = {draw_unit(), draw_unit(), draw_unit()},
+                                     .value = NAN,
+                                     .c = q[0],
+                                     .xx = q[1],
+                                     .yy = q[2],
+                                     .zz = q[3],
+                                     .xy = q[4],
+                                     .xz = q[5],
+                                     .yz = q[6],
+                                     .x = q[7],
+                                     .y = q[8],
+                                     .z = q[9]};
+        }
+        for (uint32_t n = 0; n < count; n++)
+            kept[n] = fixture_random(&random_state) % VERTICES;
+        mni_collapse_keys_best()(vertex, 5, kept, count, wide);
+        mni_collapse_keys_narrow(vertex, 5, kept, count, narrow);
+        ck_assert_mem_eq(wide, narrow, count * sizeof *wide);
+        for (uint32_t n = 0; n < count; n++) {
+            float cost = mni_collapse_cost(&vertex[5], &vertex[kept[n]], MN_METRIC_QEM);
+            ck_assert(wide[n] == mni_heap_key_make(cost, kept[n]));
+        }
+    }
+}
+END_TEST
+
 static void hash_bytes(uint64_t *hash, const void *bytes, size_t count) {
     for (size_t i = 0; i < count; i++)
         *hash = (*hash ^ ((const unsigned char *)bytes)[i]) * 0x100000001b3u;
@@ -245,6 +345,8 @@ int main(void) {
     tcase_add_test(tc, nearest_of_random_fans);
     tcase_add_test(tc, without_triangles_to_the_vertex);
     tcase_add_test(tc, before_and_after);
+    tcase_add_test(tc, wheels_are_lists);
+    tcase_add_test(tc, keys_are_costs);
     tcase_add_test(tc, same_tree_on_every_machine);
     suite_add_tcase(suite, tc);
     SRunner *runner = srunner_create(suite);
