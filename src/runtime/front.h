@@ -90,7 +90,8 @@ typedef struct mni_front_branch {
     uint32_t killed : 31; /* simplices that its split brought */
     uint32_t wait_next, wait_before; /* Navigate's: what it waits for (waiting.h) */
     uint32_t leaf_lo;                /* its first leaf: where it is, in the order of the tree */
-    uint32_t unused[2];
+    uint32_t kept;                   /* Navigate's: last frame in which it stays unwanted */
+    uint32_t unused;
 } mni_front_branch;
 _Static_assert(sizeof(mni_front_branch) == 64, "one line of the cache");
 

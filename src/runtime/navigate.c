@@ -1,6 +1,6 @@
 /* A frame of Navigate: collapse what is not wanted, split what is, and give way when it cannot be.
  *
- * Hides: the order of work, chains of forced splits, and the level of degrading.
+ * Hides: the order of work, and the level of degrading.
  *
  *   collapse pass   unwanted forks in rising order of their parent's id, or, where there are many
  *                   and no budget, by place. Who is blocked waits for its blocker to go. One pass
@@ -25,16 +25,15 @@
 #include <math.h>
 #include <string.h>
 
+#include "chain.h"
 #include "mn_assert.h"
 #include "refusals.h"
 #include "split_key.h"
 
-enum { SMALL_TRIANGLES = 2000, FETCHED = 12, TOGETHER = 16 }; /* nodes to split; forks to test */
-#define NOBODY UINT16_MAX                                     /* has pushed the first of a stack */
+enum { FETCHED = 12, TOGETHER = 16 }; /* nodes to split; forks to test */
 
 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet */
 #define CLOCK_MAX 1000
-#define EARLY_FILL 0.98 /* of the scarcest room, up to which there are early splits */
 /* For later frames one does something if it has not done more for itself than EFFORT_START of what
  * frames do on average, and a few operations; early splits until all is EFFORT_MAX of that. Of a
  * dive over 5 M triangles 0.05 % is missed so, as without limits; with 1.5 for the latter 0.2 %. */
@@ -46,39 +45,22 @@ enum { EFFORT_LEAST = 16, EFFORT_FRAMES = 8 };
 
 /* ---- collapses ------------------------------------------------------------------------------ */
 
-static uint64_t ops(const mni_navigator *nav) {
-    return nav->work.splits + nav->work.collapses;
-}
-
-/* What the frame has cost so far: a split that is undone is two operations. */
-static double effort(const mni_navigator *nav) {
-    return (double)(ops(nav) + 2 * nav->work.undone);
-}
-
-/* After every operation on models under 2,000 triangles, where slow checks are built in. */
-static void check_small(const mni_navigator *nav) {
-#ifdef MN_SLOW_CHECKS
-    if (nav->front.header->triangles < SMALL_TRIANGLES)
-        mni_front_check(&nav->front);
-#else
-    (void)nav;
-#endif
-}
-
 /* The reading of the clock up to which a verdict stands, rounded down: without a margin it is past.
  */
 static float due_after(const mni_navigator *nav, float margin) {
     return (nav->clock + margin) * (1 - 1e-6f);
 }
 
-/* Not wanted now, but in a moment: such a fork stays. It is looked at again in the next frame. */
+/* Not wanted now, but in a moment, or by a chain that lacks a block: such a fork stays. It is
+ * looked at again in the next frame. */
 static bool stays_early(mni_navigator *nav, uint32_t fork) {
     const mni_view *soon = &nav->ahead.soon;
     double px;
     if (!nav->early)
         return false;
     const mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
-    if (!mni_sieve_wants(&soon->sieve, &soon->lens, &bounds, &px))
+    if (nav->front.branch[fork].kept < nav->frame &&
+        !mni_sieve_wants(&soon->sieve, &soon->lens, &bounds, &px))
         return false;
     nav->fork_due[fork] = LOOK;
     return true;
@@ -222,7 +204,7 @@ static void collapse(mni_navigator *nav, uint32_t fork) {
     mni_outcome outcome = mni_front_collapse(front, fork);
     nav->work.triangles_removed += triangles - front->triangles;
     mni_store_attempt_over(front->store);
-    check_small(nav);
+    mni_chain_check_small(nav);
     nav->work.collapses += outcome == MNI_DONE;
     nav->work.misses += outcome == MNI_MISS;
     nav->work.refused_pool += outcome == MNI_REFUSED_POOL;
@@ -251,7 +233,7 @@ static void collapse_pass(mni_navigator *nav) {
         count = test_forks(nav, fork, count);
         for (uint32_t i = 0; i < count; i++) {
             MN_ASSERT_SLOW(mni_front_collapse_blocker(&nav->front, fork[i]) == MN_NONE);
-            if (nav->ops_max > 0 && ops(nav) >= nav->ops_max) {
+            if (nav->ops_max > 0 && mni_navigator_ops(nav) >= nav->ops_max) {
                 nav->work.refused_budget++;
                 nav->work.refused_collapse = true;
                 nav->fork_due[fork[i]] = LOOK;
@@ -262,160 +244,6 @@ static void collapse_pass(mni_navigator *nav) {
     }
     nav->work.waits_dependency = nav->waiting.count;
     nav->crowded = nav->by_place && tests > nav->front.active / MNI_CROWD_SHARE;
-}
-
-/* ---- chains of forced splits ----------------------------------------------------------------- */
-
-static void chain_undo(mni_navigator *nav, uint32_t count) {
-    nav->work.undone += count;
-    while (count > 0)
-        mni_front_unsplit(&nav->front, nav->chain[--count]);
-    check_small(nav);
-}
-
-/* Puts what must split before slot on the stack: the known witness alone, or all, half the room at
- * most, so that depth always has the other half. Returns how many. */
-static uint32_t push_blockers(mni_navigator *nav, uint32_t slot, uint32_t top) {
-    uint32_t witness = mni_front_split_blocker(&nav->front, slot);
-    if (witness == MN_NONE || top == MNI_STACK_MAX)
-        return 0;
-    nav->stack[top] = mni_front_ref_of(&nav->front, witness);
-    uint32_t room = top < MNI_STACK_MAX / 2 ? MNI_STACK_MAX / 2 - top : 1;
-    return room > 1 ? mni_front_split_blockers(&nav->front, slot, nav->stack + top, room) : 1;
-}
-
-/* What their splits will touch is asked for: they are tested and split one after the other. */
-static void fetch_pushed(const mni_navigator *nav, uint32_t top, uint32_t pushed) {
-    for (uint32_t i = 0; i < pushed; i++) {
-        mni_front_fetch_simplices(&nav->front, nav->stack[top + i].slot, true);
-        mni_front_fetch_record(&nav->front, nav->stack[top + i].slot);
-    }
-}
-
-/* Of the blockers pushed last, those of which nothing is known yet that keeps them from being
- * split, to the front; *lack: of another one, so that whoever has pushed them cannot be split
- * either. Then those that are sound are left out as well. */
-static uint32_t keep_unknown(mni_navigator *nav, uint32_t top, uint32_t pushed,
-                             const mni_lack **lack) {
-    const mni_lacking *lacking = &nav->lacking;
-    uint32_t kept = 0, unknown = 0;
-    for (uint32_t i = 0; i < pushed; i++) {
-        const mni_lack *found = mni_lacking_of(lacking, nav->stack[top + i].order);
-        if (found == NULL)
-            nav->stack[top + kept++] = nav->stack[top + i];
-        else
-            *lack = found;
-    }
-    if (*lack == NULL)
-        return kept;
-    for (uint32_t i = 0; i < kept; i++)
-        if (!mni_lacking_is_sound(lacking, nav->stack[top + i].order))
-            nav->stack[top + unknown++] = nav->stack[top + i];
-    return unknown;
-}
-
-/* What stands there on the stack cannot be split, nor can who had it pushed, and so on. */
-static void chain_lacks(mni_navigator *nav, uint32_t at, mni_lack lack) {
-    mni_lacking_put(&nav->lacking, nav->stack[at].order, lack.block_id, lack.brief);
-    for (at = nav->pusher[at]; at != NOBODY; at = nav->pusher[at]) {
-        const mni_lack *known = mni_lacking_of(&nav->lacking, nav->stack[at].order);
-        if (known != NULL && known->brief <= lack.brief)
-            return;
-        mni_lacking_put(&nav->lacking, nav->stack[at].order, lack.block_id, lack.brief);
-    }
-}
-
-static mni_lack block_absent(const mni_store *store) {
-    mni_lack lack = {0};
-    lack.brief = !mni_store_absent(store, &lack.block_id);
-    return lack;
-}
-
-/* A chain that lacks a block will be undone: of what it has split it is known that it could be. */
-static void chain_learn(mni_navigator *nav, uint32_t count) {
-    for (uint32_t i = 0; i < count; i++)
-        mni_lacking_put_sound(&nav->lacking, nav->front.branch[nav->chain[i]].order);
-}
-
-/* Has a chain that will be undone asked for enough? Before its time it is not to cost much. */
-static bool has_asked(const mni_navigator *nav, uint32_t missed, uint32_t first_missed,
-                      uint32_t count) {
-    return missed >= MNI_MISSED_MAX || count - first_missed == MNI_SURVEY_MAX ||
-           (nav->early_splits && effort(nav) + 2 * count >= nav->effort_max);
-}
-
-/* Splits slot and, before it, what must be split before it; whole, or not at all. *count: splits in
- * nav->chain. No recursion: order ids rise along the stack, so that it ends. When a block is absent
- * it goes on with what does not depend on that, so that all blocks that are absent are asked for at
- * once, and not one a frame; but not with what another chain has found in this frame. */
-static mni_outcome chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
-    mni_front *front = &nav->front;
-    mni_outcome outcome = MNI_DONE;
-    uint32_t top = 1, missed = 0, first_missed = 0;
-    nav->stack[0] = mni_front_ref_of(front, slot);
-    nav->pusher[0] = NOBODY;
-    *count = 0;
-    const mni_lack *lack = mni_lacking_of(&nav->lacking, nav->stack[0].order);
-    if (lack != NULL) {
-        mni_trace_lacks(lack->block_id);
-        return MNI_MISS;
-    }
-    mni_lacking_chain(&nav->lacking);
-    while (top > 0 && outcome == MNI_DONE) {
-        mni_front_ref at = nav->stack[top - 1];
-        if (!mni_front_stands(front, at)) {
-            top--; /* another way has split it */
-            continue;
-        }
-        uint32_t pushed = push_blockers(nav, at.slot, top);
-        lack = mni_lacking_of(&nav->lacking, at.order);
-        if (nav->lacking.any)
-            pushed = keep_unknown(nav, top, pushed, &lack);
-        if (lack != NULL) {
-            first_missed = missed == 0 ? *count : first_missed;
-            missed += missed == 0 || pushed == 0;
-            mni_trace_lacks(lack->block_id);
-            chain_lacks(nav, top - 1, *lack);
-        }
-        if (pushed > 0) {
-            for (uint32_t i = 0; i < pushed; i++)
-                nav->pusher[top + i] = (uint16_t)(top - 1);
-            fetch_pushed(nav, top, pushed);
-            top += pushed;
-        } else if (missed > 0 && has_asked(nav, missed, first_missed, *count)) {
-            outcome = MNI_MISS;
-        } else if (lack != NULL) {
-            top--;
-        } else if (top == MNI_STACK_MAX || *count == nav->chain_max) {
-            outcome = MNI_REFUSED_FRONT;
-        } else if (nav->ops_max > 0 && ops(nav) > 0 && ops(nav) + *count >= nav->ops_max) {
-            outcome = MNI_REFUSED_BUDGET;
-        } else {
-            outcome = mni_front_split(front, at.slot, &nav->chain[*count]);
-            if (outcome == MNI_DONE) {
-                ++*count;
-                top--;
-                check_small(nav);
-                if (nav->triangles_max > 0 && front->triangles > nav->triangles_max)
-                    outcome = MNI_REFUSED_FRONT;
-            } else if (outcome == MNI_MISS) {
-                first_missed = missed == 0 ? *count : first_missed;
-                missed++;
-                chain_lacks(nav, --top, block_absent(front->store));
-                outcome = MNI_DONE;
-            }
-        }
-    }
-    if (missed > 0 && outcome != MNI_REFUSED_POOL)
-        outcome = MNI_MISS;
-    if (outcome == MNI_MISS)
-        chain_learn(nav, *count);
-    else if (missed > 0)
-        mni_lacking_forget(&nav->lacking);
-    if (outcome != MNI_DONE)
-        chain_undo(nav, *count);
-    mni_store_attempt_over(front->store);
-    return outcome;
 }
 
 /* ---- splits ---------------------------------------------------------------------------------- */
@@ -550,7 +378,7 @@ static mni_outcome chain_try(mni_navigator *nav, uint32_t slot, uint32_t *count)
     mni_outcome outcome = refused ? MNI_REFUSED_POOL : MNI_MISS;
     if (!refused && !mni_refusals_lacks(nav, slot)) {
         nav->front.node[slot].flags &= 7 & ~MNI_NODE_GIVEN_UP;
-        outcome = chain_find(nav, slot, count);
+        outcome = mni_chain_find(nav, slot, count);
         if (outcome != MNI_REFUSED_POOL)
             return outcome;
         mni_refusals_put(nav, slot);
@@ -606,10 +434,13 @@ static bool keep_split(mni_navigator *nav, uint32_t branch) {
     return due <= nav->clock || nav->early_splits;
 }
 
-/* All splits of a chain stay; their children that are wanted are to be split. */
-static void keep_chain(mni_navigator *nav, uint32_t count) {
+/* The splits of a chain stay, made when there were so many triangles; their children that are
+ * wanted are to be split. */
+static void keep_chain(mni_navigator *nav, uint32_t count, uint32_t triangles) {
     const mni_front *front = &nav->front;
     uint32_t parents = 0; /* of children that may be wanted, at the front of the chain */
+    nav->work.splits += count;
+    nav->work.triangles_made += front->triangles - triangles;
     for (uint32_t i = 0; i < count; i++) {
         uint32_t branch = nav->chain[i];
         nav->chain[parents] = branch;
@@ -637,7 +468,8 @@ static void split_pass(mni_navigator *nav) {
             break;
         if (closed == MNI_DONE && mni_refusals_wait(nav, item))
             continue;
-        uint32_t slot = item.what, count, triangles = front->triangles;
+        const uint32_t slot = item.what, triangles = front->triangles;
+        uint32_t count = 0;
         if (!item_stands(front, item)) /* forced by another */
             continue;
         mni_outcome outcome = closed;
@@ -645,6 +477,7 @@ static void split_pass(mni_navigator *nav) {
             outcome = chain_try(nav, slot, &count);
         else if ((item.key & MNI_PUT_OFF) != 0) /* in its turn it was its block that was absent */
             outcome = MNI_MISS;
+        keep_chain(nav, count, triangles);
         if (closed == MNI_DONE && outcome == MNI_MISS && nav->there_only) {
             mni_refusals_put_off(nav, item);
             continue;
@@ -653,11 +486,7 @@ static void split_pass(mni_navigator *nav) {
             refuse(nav, item.key, outcome);
             if (outcome == MNI_REFUSED_FRONT || outcome == MNI_REFUSED_BUDGET)
                 closed = outcome;
-            continue;
         }
-        nav->work.splits += count;
-        nav->work.triangles_made += front->triangles - triangles;
-        keep_chain(nav, count);
     }
     mni_refusals_end(nav);
     nav->version = front->version;
@@ -680,15 +509,32 @@ static void judge_early(mni_navigator *nav, const uint32_t *slot, int count) {
     }
 }
 
+/* A batch of slots for judge_early. */
+typedef struct early_batch {
+    uint32_t slot[MNI_SIEVE_BATCH];
+    int count;
+} early_batch;
+
+static void early_add(mni_navigator *nav, early_batch *batch, uint32_t slot) {
+    const mni_front *f = &nav->front;
+    mni_sieve_put(&nav->batch, batch->count, &f->position[3 * (size_t)slot], f->radius[slot],
+                  f->switch_value[slot], f->face[slot].cone);
+    batch->slot[batch->count++] = slot;
+    if (batch->count < MNI_SIEVE_BATCH)
+        return;
+    judge_early(nav, batch->slot, batch->count);
+    batch->count = 0;
+}
+
 /* Whoever is not wanted until the clock has passed where it will be then needs no look. Every other
  * batch has its turn, so each has one before it is wanted, and the search costs half; and all of
- * them when the last ones were not seen through. */
+ * them when the last ones were not seen through. Whose chain lacked a block has his in each frame.
+ */
 static void early_agenda(mni_navigator *nav) {
     const mni_front *f = &nav->front;
     const float clock = (float)((double)nav->clock + nav->ahead.soon_motion);
-    uint32_t slot[MNI_SIEVE_BATCH];
     float margin[MNI_SIEVE_BATCH];
-    int count = 0;
+    early_batch batch = {.count = 0};
     mni_agenda_clear(&nav->agenda);
     const uint32_t turns = nav->early_left ? 1 : 2;
     nav->early_odd ^= true;
@@ -702,23 +548,22 @@ static void early_agenda(mni_navigator *nav) {
         for (; late != 0; late &= late - 1) {
             const int i = __builtin_ctzll(late);
             const uint32_t at = first + (uint32_t)i;
-            if (margin[i] > 0 || at >= f->slots_high)
-                continue;
-            mni_sieve_put(&nav->batch, count, &f->position[3 * (size_t)at], f->radius[at],
-                          f->switch_value[at], f->face[at].cone);
-            slot[count++] = at;
-            if (count < MNI_SIEVE_BATCH)
-                continue;
-            judge_early(nav, slot, count);
-            count = 0;
+            if (margin[i] <= 0 && at < f->slots_high)
+                early_add(nav, &batch, at);
         }
     }
-    judge_early(nav, slot, count);
+    for (uint32_t i = 0; i < nav->early_again_count && turns == 2; i++) {
+        const mni_front_ref at = nav->early_again[i];
+        const bool had_turn = (at.slot / MNI_SIEVE_BATCH % 2 == 1) == nav->early_odd;
+        if (!had_turn && mni_front_stands(f, at))
+            early_add(nav, &batch, at.slot);
+    }
+    nav->early_again_count = 0;
+    judge_early(nav, batch.slot, batch.count);
     mni_agenda_begin(&nav->agenda);
 }
 
-/* Of the room that is scarcest. */
-static double fill(const mni_navigator *nav) {
+double mni_navigator_fill(const mni_navigator *nav) {
     const mni_front *f = &nav->front;
     double share =
         fmax((double)f->active / f->nodes_max, (double)f->simplices_used / f->simplices_max);
@@ -742,19 +587,18 @@ static void early_pass(mni_navigator *nav) {
         if (nav->agenda.next >= fetched)
             fetched = fetch_ahead(nav);
         nav->early_left = mni_agenda_pop(&nav->agenda, &item);
-        if (!nav->early_left || effort(nav) >= nav->effort_max || fill(nav) >= EARLY_FILL)
+        if (!nav->early_left || mni_navigator_effort(nav) >= nav->effort_max ||
+            mni_navigator_fill(nav) >= MNI_EARLY_FILL)
             break;
         const uint32_t triangles = front->triangles;
         if (!item_stands(front, item))
             continue;
-        const mni_outcome outcome = chain_find(nav, item.what, &count);
-        if (outcome == MNI_MISS)
-            continue;
-        if (outcome != MNI_DONE)
+        const mni_outcome outcome = mni_chain_find(nav, item.what, &count);
+        keep_chain(nav, count, triangles);
+        if (outcome != MNI_DONE && outcome != MNI_MISS)
             break;
-        nav->work.splits += count;
-        nav->work.triangles_made += front->triangles - triangles;
-        keep_chain(nav, count);
+        if (outcome == MNI_MISS && nav->early_again_count < MNI_AGAIN_MAX)
+            nav->early_again[nav->early_again_count++] = (mni_front_ref){item.what, item.order};
     }
     mni_store_early(front->store, 0);
     nav->early_splits = false;
@@ -765,17 +609,17 @@ static void early_pass(mni_navigator *nav) {
 static void look_forward(mni_navigator *nav) {
     const double start = EFFORT_START * nav->usual + EFFORT_LEAST;
     nav->effort_max = EFFORT_MAX * nav->usual + EFFORT_LEAST;
-    if (nav->early && effort(nav) < start) {
+    if (nav->early && mni_navigator_effort(nav) < start) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_EARLY_SPLITS, 0, 0);
         early_pass(nav);
     } else {
         nav->early_left = true;
     }
-    if (effort(nav) < nav->effort_max / (nav->early ? 2 : 1)) {
+    if (mni_navigator_effort(nav) < nav->effort_max / (nav->early ? 2 : 1)) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
         mni_ahead_scan(&nav->ahead, &nav->front);
     }
-    nav->usual += (effort(nav) - nav->usual) / EFFORT_FRAMES;
+    nav->usual += (mni_navigator_effort(nav) - nav->usual) / EFFORT_FRAMES;
 }
 
 /* ---- degrading ------------------------------------------------------------------------------- */
@@ -783,14 +627,14 @@ static void look_forward(mni_navigator *nav) {
 void mni_navigator_give_way(mni_navigator *nav, bool reading) {
     const mni_work *work = &nav->work;
     bool over = nav->triangles_max > 0 && nav->front.triangles > nav->triangles_max;
-    bool busy = reading || ops(nav) > 0 || work->refused_budget > 0;
+    bool busy = reading || mni_navigator_ops(nav) > 0 || work->refused_budget > 0;
     mni_level_signs signs = {.moved = nav->moved,
                              .full = over || work->refused_px > 0,
                              .stale = busy && work->refused_collapse,
                              .busy = busy,
                              .from_scratch = work->splits > nav->front.active / 2,
                              .refused_px = work->refused_px,
-                             .fill = fill(nav)};
+                             .fill = mni_navigator_fill(nav)};
     if (nav->degrades)
         mni_level_next(&nav->level, nav->tolerance_px, &signs);
 }
@@ -839,6 +683,7 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->seeks = nav->looks_ahead && nav->ahead.look.moves && nav->work.refused_px > 0 &&
                  nav->work.refused_pool > 0;
     nav->work = (mni_work){0};
+    nav->frame++;
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */
     MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_COLLAPSES, 0, 0);

@@ -14,11 +14,16 @@ enum {
     MNI_CHAIN_MAX = 1 << 16,  /* splits in one chain of forced splits */
     MNI_STACK_MAX = 1 << 13,  /* nodes waiting in one */
     MNI_MISSED_MAX = 32,      /* nodes of a chain that are known to be missing: enough to ask … */
-    MNI_SURVEY_MAX = 64,      /* … and splits after the first, for the sake of further ones */
+    MNI_SURVEY_MAX = 64,      /* … and splits after the first, for the sake of further ones … */
+    MNI_KEPT_MAX = 1 << 12,   /* … and of either where the splits stay */
+    MNI_KEPT_FRAMES = 4,      /* that they stay for, unwanted */
+    MNI_AGAIN_MAX = 64,       /* nodes whose early chains are tried again in the next frame */
     MNI_PLACES_MIN = 1 << 12, /* nodes of a front: fewer are in the cache whatever the order */
     MNI_CROWD_SHARE = 8,      /* of the front's nodes: forks that a frame has to test, in a crowd */
     MNI_TURNS = 16,           /* frames in which each refused chain has its turn */
 };
+/* Of the scarcest room, up to which something is split early, or kept. */
+#define MNI_EARLY_FILL 0.98
 
 /* What a frame did and could not do (terms in design.md §1). */
 typedef struct mni_work {
@@ -62,6 +67,9 @@ typedef struct mni_navigator {
     bool early_splits; /* … which has its turn now … */
     bool early_odd;    /* … those in odd batches of slots, or in even ones … */
     bool early_left;   /* … or all, as some were left */
+    mni_front_ref early_again[MNI_AGAIN_MAX]; /* early chains that lacked a block */
+    uint32_t early_again_count;
+    uint32_t frame;    /* from 1 */
     double usual;      /* effort of a frame: the mean of the last ones */
     double effort_max; /* of this one, with what it does for later ones */
     mni_ahead ahead;
@@ -100,6 +108,16 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
 /* After mni_store_frame_end: the level of degrading for the next frame. reading: blocks are still
  * on their way, so it is not known yet what fits. */
 void mni_navigator_give_way(mni_navigator *nav, bool reading);
+/* Operations of the frame that stay, so far; and what it has cost: a split that is undone is two.
+ */
+static inline uint64_t mni_navigator_ops(const mni_navigator *nav) {
+    return nav->work.splits + nav->work.collapses;
+}
+static inline double mni_navigator_effort(const mni_navigator *nav) {
+    return (double)(mni_navigator_ops(nav) + 2 * nav->work.undone);
+}
+/* Of the room that is scarcest, the share that is taken. */
+double mni_navigator_fill(const mni_navigator *nav);
 /* mni_front_check, who waits, and that verdicts which stand are those of the last frame's camera.
  * Asserts. */
 void mni_navigator_check(mni_navigator *nav);

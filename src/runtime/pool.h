@@ -96,7 +96,10 @@ mni_answer mni_pool_enter(mni_pool *pool, const mni_wish *wish, const void **byt
 /* gone: the block has left the ancestor table as well. */
 void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone);
 mni_answer mni_pool_overflow(mni_pool *pool, const mni_wish *wish, const void **bytes);
+/* What has been asked for was one attempt; what leaves after it, is not given back by it. */
 void mni_pool_attempt_over(mni_pool *pool);
+/* A node has left a block that stays in use: what is asked for next is another attempt. */
+void mni_pool_left(mni_pool *pool);
 /* What the rules leave for blocks that are not in use; below 1: nothing. */
 int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use);
 /* See mni_store_fill. */

@@ -333,6 +333,11 @@ mni_answer mni_pool_enter(mni_pool *pool, const mni_wish *wish, const void **byt
 
 void mni_pool_attempt_over(mni_pool *pool) {
     pool->attempt.over = true;
+    pool->attempt.absent = pool->attempt.refused = false;
+}
+
+void mni_pool_left(mni_pool *pool) {
+    pool->attempt.over = true;
 }
 
 void mni_pool_leave(mni_pool *pool, uint32_t block_id, bool gone) {

@@ -213,9 +213,9 @@ void mni_store_add(mni_store *store, mni_entry entry) {
     store->table.entry[entry].usage++;
 }
 
-static inline void attempt_over(mni_store *store) {
-    if (store->kind->attempt_over != NULL)
-        store->kind->attempt_over(store->blocks);
+static inline void left(mni_store *store) {
+    if (store->kind->left != NULL)
+        store->kind->left(store->blocks);
 }
 
 void mni_store_sub(mni_store *store, mni_entry entry) {
@@ -223,12 +223,12 @@ void mni_store_sub(mni_store *store, mni_entry entry) {
     mni_ancestor *lowered = &store->table.entry[entry];
     if (lowered->usage > 1) { /* nearly always */
         lowered->usage--;
-        attempt_over(store);
+        left(store);
         return;
     }
     uint32_t block_id = lowered->ref.id;
     if (!mni_ancestors_lower(&store->table, entry)) {
-        attempt_over(store);
+        left(store);
         return;
     }
     MNI_TRACE(MN_TRACE_LEAVE, 0, block_id, 0);
@@ -237,7 +237,8 @@ void mni_store_sub(mni_store *store, mni_entry entry) {
 }
 
 void mni_store_attempt_over(mni_store *store) {
-    attempt_over(store);
+    if (store->kind->attempt_over != NULL)
+        store->kind->attempt_over(store->blocks);
 }
 
 bool mni_store_absent(const mni_store *store, uint32_t *block_id) {

@@ -33,8 +33,10 @@ typedef struct mni_store_kind {
     /* The usage has become 0; gone: the entry in the ancestor table as well. */
     void (*leave)(void *self, uint32_t block_id, bool gone);
     mni_answer (*overflow)(void *self, const mni_wish *wish, const void **bytes);
-    /* A node has left a block that stays in use: whatever was tried is over. */
-    void (*attempt_over)(void *self); /* NULL: nothing to do */
+    /* NULL: nothing to do. A node has left a block that stays in use: what is asked for next is
+     * another attempt. And: what was asked for was one, and what leaves is not given back by it. */
+    void (*left)(void *self);
+    void (*attempt_over)(void *self);
     /* Of the last MNI_REFUSED; and what the rules leave for blocks that are not in use. NULL: there
      * are no rules. */
     mni_refusal (*refusal)(const void *self);

@@ -257,6 +257,10 @@ static mni_answer overflow(void *self, const mni_wish *wish, const void **bytes)
     return mni_pool_overflow(&((paged *)self)->pool, wish, bytes);
 }
 
+static void left(void *self) {
+    mni_pool_left(&((paged *)self)->pool);
+}
+
 static void attempt_over(void *self) {
     mni_pool_attempt_over(&((paged *)self)->pool);
 }
@@ -404,6 +408,7 @@ const mni_store_kind mni_store_paged = {
     .enter = enter,
     .leave = leave,
     .overflow = overflow,
+    .left = left,
     .attempt_over = attempt_over,
     .refusal = refusal,
     .room = room,

@@ -1,0 +1,155 @@
+/* Goal: what a chain has split that lacks a block stays while the camera moves and there is room,
+ * so that nothing is split only to be undone; it goes when nobody needs it; and it is undone where
+ * there is no room. Method: a navigator over a pool whose simulated disk takes several frames, on a
+ * path that dives and turns; branches are counted one by one. */
+#include <check.h>
+#include <math.h>
+
+#include "front.h"
+#include "model.h"
+#include "navigate.h"
+#include "rate.h"
+#include "suite.h"
+
+enum { NODES_MAX = 1 << 14, SIMPLICES_MAX = 1 << 15, FRAMES = 90, STANDS = 40, DELAY_US = 120000 };
+
+typedef struct flight {
+    model m;
+    mni_block_limits limits;
+    mni_arena arena;
+    mni_store *store;
+    mni_navigator nav;
+} flight;
+
+static void flight_open(flight *f, uint32_t k, uint32_t nodes_max) {
+    static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096};
+    mn_status st = {0};
+    model_make(&f->m, MODEL_GLOBE, 12000, &blocks);
+    const mn_header *header = &f->m.header;
+    if (k == 0)
+        k = header->blocks;
+    f->limits = mni_block_limits_of(header);
+    mni_store_desc desc = {.path = f->m.path,
+                           .header = header,
+                           .kind = MN_STORE_PAGED,
+                           .k = k,
+                           .io = MN_IO_SIM,
+                           .seed = 7,
+                           .sim = {.delay_us_max = DELAY_US},
+                           .check = mni_front_block_check,
+                           .check_context = &f->limits,
+                           .prefetch = MN_PREFETCH_AHEAD,
+                           .rate = mni_rate_block,
+                           .look_bytes = sizeof(mni_look)};
+    ck_assert_int_eq(mni_arena_open(&f->arena,
+                                    mni_store_need_bytes(header, MN_STORE_PAGED, k) +
+                                        mni_navigator_need_bytes(header, NODES_MAX, SIMPLICES_MAX),
+                                    &st),
+                     MN_OK);
+    ck_assert_msg(mni_store_open(&desc, &f->arena, &f->store, &st) == MN_OK, "%s", st.text);
+    f->nav = (mni_navigator){.looks_ahead = true, .width_px = 640, .height_px = 480, .size = 1};
+    ck_assert_int_eq(
+        mni_navigator_open(&f->nav, f->store, header, nodes_max, SIMPLICES_MAX, &f->arena, &st),
+        MN_OK);
+}
+
+static void flight_close(flight *f) {
+    mni_store_close(f->store);
+    mni_arena_close(&f->arena);
+    model_free(&f->m);
+}
+
+static void fly(flight *f, int frame) {
+    const double along = frame / (double)FRAMES;
+    const mn_camera camera = model_camera(&f->m, 0.3 * along, 3 - 1.9 * along);
+    mni_store_frame_begin(f->store);
+    mni_navigator_frame(&f->nav, &camera, 1);
+    mni_store_frame_end(f->store, 1.0 / 60);
+    mni_navigator_check(&f->nav);
+}
+
+/* Forks that nobody wants, now or in a moment, and that nothing blocks. */
+static uint32_t idle(flight *f, bool kept) {
+    mni_front *front = &f->nav.front;
+    uint32_t count = 0;
+    for (uint32_t b = 0; b < front->slots_high; b++) {
+        if (!mni_front_is_fork(front, b))
+            continue;
+        const mni_bounds bounds = mni_front_branch_bounds(front, b);
+        count += !mni_lens_wants(&f->nav.lens, &bounds) &&
+                 !(f->nav.early && mni_lens_wants(&f->nav.ahead.soon.lens, &bounds)) &&
+                 mni_front_collapse_blocker(front, b) == MN_NONE &&
+                 (front->branch[b].kept >= f->nav.frame) == kept;
+    }
+    return count;
+}
+
+START_TEST(what_is_split_stays) {
+    flight f;
+    uint64_t misses = 0, kept = 0;
+    flight_open(&f, 0, NODES_MAX);
+    for (int i = 0; i < FRAMES; i++) {
+        fly(&f, i);
+        misses += f.nav.work.misses;
+        if (!f.nav.early)
+            continue;
+        ck_assert_uint_eq(f.nav.work.undone, 0);
+        kept += idle(&f, true);
+    }
+    ck_assert_uint_gt(misses, 0);
+    ck_assert_uint_gt(kept, 0);
+    for (int i = 0; i < STANDS; i++)
+        fly(&f, FRAMES - 1);
+    ck_assert_uint_eq(idle(&f, true) + idle(&f, false), 0);
+    flight_close(&f);
+}
+END_TEST
+
+/* Nobody tries the chain again: the camera turns away. */
+START_TEST(what_nobody_needs_goes) {
+    flight f;
+    uint32_t most = 0;
+    flight_open(&f, 0, NODES_MAX);
+    for (int i = 0; i < FRAMES; i++) {
+        fly(&f, i);
+        for (uint32_t b = 0; b < f.nav.front.slots_high; b++) {
+            const uint32_t until = f.nav.front.branch[b].kept;
+            if (mni_front_is_branch(&f.nav.front, b))
+                ck_assert_uint_le(until, f.nav.frame + MNI_KEPT_FRAMES);
+        }
+        /* those whose time is over, and that were judged in a frame that could collapse them */
+        most = idle(&f, false) > most ? idle(&f, false) : most;
+    }
+    ck_assert_uint_eq(most, 0);
+    flight_close(&f);
+}
+END_TEST
+
+/* A front that is nearly full keeps nothing, or pieces of chains would have the room of whole ones.
+ */
+START_TEST(without_room_it_is_undone) {
+    flight f;
+    uint64_t undone = 0, full = 0;
+    flight_open(&f, 0, 600);
+    for (int i = 0; i < FRAMES; i++) {
+        fly(&f, i);
+        undone += f.nav.work.undone;
+        full += mni_navigator_fill(&f.nav) >= MNI_EARLY_FILL;
+        ck_assert_uint_le(f.nav.front.active, 600);
+    }
+    ck_assert_uint_gt(full, 0);
+    ck_assert_uint_gt(undone, 0);
+    flight_close(&f);
+}
+END_TEST
+
+int main(void) {
+    Suite *suite = suite_create("chain");
+    TCase *tc = tcase_create("chain");
+    tcase_set_timeout(tc, 120);
+    tcase_add_test(tc, what_is_split_stays);
+    tcase_add_test(tc, what_nobody_needs_goes);
+    tcase_add_test(tc, without_room_it_is_undone);
+    suite_add_tcase(suite, tc);
+    return suite_run(suite);
+}
