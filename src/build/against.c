@@ -102,7 +102,7 @@ static mn_code tell(const mni_against *a, uint64_t done, uint64_t total) {
 
 static mn_code read_mesh(mni_against *a, mn_weld weld, mni_extmesh *mesh) {
     const mni_extmesh_desc desc = {.work_bytes = a->desc.work_bytes,
-                                   .beside_bytes = MNI_PROGRAM_BYTES,
+                                   .cap = {.beside_bytes = MNI_PROGRAM_BYTES},
                                    .temp_dir = a->desc.temp_dir,
                                    .watch = a->desc.watch};
     mn_read_desc read = a->desc.read;

@@ -2,6 +2,7 @@
 #include "aside.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "mn_assert.h"
 #include "extsort.h"
@@ -69,6 +70,21 @@ static mn_code trouble_of(const mni_spill *spill, mn_status *st) {
     if (spill->trouble.code != MN_OK)
         mn_fail(st, spill->trouble.code, "%s", spill->trouble.text);
     return spill->trouble.code;
+}
+
+mn_code mni_aside_put(mni_aside *a, const mni_parcel *head, const unsigned char *simplices,
+                      float grid, mn_status *st) {
+    mni_wire_pen pen = mni_wire_pen_open(head->tile, grid);
+    for (uint32_t i = 0; i < head->simplices; i++) {
+        mni_wire_simplex x;
+        mni_aside_simplex to;
+        mni_wire_get_simplex(&pen, &simplices, &x);
+        memcpy(to.v, x.v, sizeof to.v);
+        memcpy(to.origin, x.origin, sizeof to.origin);
+        mni_spill_put(&a->put_simplex, &to, sizeof to);
+    }
+    a->count += head->simplices;
+    return trouble_of(&a->simplex, st);
 }
 
 mn_code mni_aside_add(mni_aside *a, const mni_cell *cell, mn_status *st) {
@@ -278,16 +294,16 @@ static mn_code run(finisher *f, uint64_t sort_bytes, const char *temp_dir) {
     return code;
 }
 
+uint64_t mni_aside_least(uint64_t collapses) {
+    return LEAST_BYTES + collapses * STEP_BYTES + MNI_SORT_BUDGET_MIN;
+}
+
 mn_code mni_aside_finish(mni_aside *a, mni_history *history, uint64_t work_bytes,
                          const char *temp_dir, const mni_poll *poll, mn_status *st) {
     const uint64_t steps_bytes = LEAST_BYTES + (uint64_t)a->late_count * STEP_BYTES;
     const uint64_t all = 4 * sizeof(death) * (a->count + 1) + 2 * MNI_SORT_BUDGET_MIN;
     uint64_t sort_bytes = all;
-    if (work_bytes > 0 && work_bytes < steps_bytes + MNI_SORT_BUDGET_MIN)
-        return mn_fail(st, MN_CAP_TOO_SMALL,
-                       "%u vertices that cannot be cut into parts take %llu MB; try --ram %lluM",
-                       a->late_count, (unsigned long long)(steps_bytes >> 20) + 1,
-                       (unsigned long long)((steps_bytes + MNI_PROGRAM_BYTES) / 10 * 11 >> 20) + 2);
+    MN_ASSERT(work_bytes == 0 || work_bytes >= mni_aside_least(a->late_count));
     if (work_bytes > 0 && work_bytes - steps_bytes < all)
         sort_bytes = work_bytes - steps_bytes;
     finisher f = {.aside = a,

@@ -46,12 +46,17 @@ typedef struct mni_aside {
 /* temp_dir outlives it. */
 mn_code mni_aside_open(mni_aside *aside, const char *temp_dir, mn_status *st);
 void mni_aside_close(mni_aside *aside); /* harmless on a closed one */
+/* The least that finish takes after so many late collapses. */
+uint64_t mni_aside_least(uint64_t collapses);
+/* A parcel's simplices, written on that grid. */
+mn_code mni_aside_put(mni_aside *aside, const mni_parcel *head, const unsigned char *simplices,
+                      float grid, mn_status *st);
 /* What a cell has set aside. */
 mn_code mni_aside_add(mni_aside *aside, const mni_cell *cell, mn_status *st);
 /* A cell that has its numbers, when all is aside: what it has made waits for finish. */
 mn_code mni_aside_late(mni_aside *aside, const mni_cell *cell, mn_status *st);
 /* One root is left: late collapses go to the history, with what they kill. work_bytes: 0: as much
- * as it takes. MN_CAP_TOO_SMALL: so many collapses do not fit; `beside` bytes go with --ram. */
+ * as it takes; at least mni_aside_least. */
 mn_code mni_aside_finish(mni_aside *aside, mni_history *history, uint64_t work_bytes,
                          const char *temp_dir, const mni_poll *poll, mn_status *st);
 

@@ -336,12 +336,6 @@ static void each_simplex(mni_cell *cell, const mni_crate *crate, const places *p
 
 static void load_simplex(mni_cell *cell, uint32_t at, const mni_wire_simplex *x,
                          const uint32_t v[3], kind k) {
-    if (cell->desc.points) {
-        mni_aside_simplex *to = &cell->aside[cell->aside_count++];
-        memcpy(to->v, x->v, sizeof to->v);
-        memcpy(to->origin, x->origin, sizeof to->origin);
-        return;
-    }
     if (k == PASSING) {
         cell->passing[at] = (mni_cell_passing){*x, {v[0], v[1], v[2]}};
         return;
@@ -434,12 +428,6 @@ static mn_code load_crate(mni_cell *cell, const mni_crate *crate, places *p, flo
     uint32_t points = crate->points + MNI_WITNESSES * hubs;
     load_ids(p, crate);
     each_simplex(cell, crate, p, step, count, NULL);
-    if (cell->desc.points) {
-        cell->aside = mni_mem_take(((size_t)crate->simplices + 1) * sizeof *cell->aside, 0);
-        if (cell->aside == NULL)
-            return no_memory(n, st);
-        memset(count, 0, sizeof count);
-    }
     cell->passing_count = count[PASSING];
     cell->passing = mni_mem_take(((size_t)count[PASSING] + 1) * sizeof *cell->passing, 0);
     mn_code code = cell->passing != NULL ? take_room(cell, n, count[TRIANGLE], count[HINGE], st)
@@ -720,7 +708,7 @@ void mni_cell_tell_hubs(const mni_cell *cell, mni_frozen_table *to) {
         mni_frozen_raise(&to->hub[i], cell->s.surface.vertex[v].value,
                          mni_hubs_of(&cell->s.hubs, v)->key);
     }
-    for (uint32_t i = 0; i < cell->aside_count && !cell->desc.points; i++)
+    for (uint32_t i = 0; i < cell->aside_count; i++)
         for (int c = 0; c < 3 && cell->aside[i].v[c] != MN_NONE; c++)
             to->hub[mni_frozen_find(to, cell->aside[i].v[c])].aside = true;
 }

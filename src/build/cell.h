@@ -41,7 +41,7 @@ typedef struct mni_cell_desc {
     bool rings;   /* of what waits the rings wait as well, with what costs more */
     const mni_frozen_table *frozen; /* NULL: none; does not change while cells are opened */
     bool carries; /* what hubs come to here is what they are from now on: cells one by one */
-    bool points;  /* simplices are set aside (aside.h), not looked at */
+    bool points;  /* simplices have been set aside (aside.h): there are none */
     mni_poll poll;
 } mni_cell_desc;
 

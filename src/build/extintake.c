@@ -72,10 +72,9 @@ mni_spill_writer *mni_ext_bucket_writer(mni_extintake *x, uint64_t bucket) {
 }
 
 void mni_ext_too_small(mni_extintake *x, uint64_t vertices, uint64_t work_bytes) {
-    uint64_t ram = work_bytes + x->desc.beside_bytes, unit = 1 << 20;
-    mn_fail(x->st, MN_CAP_TOO_SMALL,
-            "%s: %llu vertices are too many for that memory: try --ram %lluM", x->name,
-            (unsigned long long)vertices, (unsigned long long)((ram + unit - 1) / unit));
+    mn_fail(x->st, MN_CAP_TOO_SMALL, "%s: %llu vertices are too many for that memory: try %s %lluM",
+            x->name, (unsigned long long)vertices, mni_cap_option(&x->desc.cap),
+            mni_cap_megabytes(&x->desc.cap, work_bytes));
 }
 
 /* ---- open, close ----------------------------------------------------------------------------- */

@@ -12,6 +12,7 @@
 #include <stdint.h>
 
 #include "metanode/build.h"
+#include "cap.h"
 #include "spill.h"
 
 typedef struct mni_extvertex {
@@ -43,7 +44,7 @@ typedef struct mni_extmesh_desc {
                                0: positions stay where they are, in their own unit */
     uint64_t work_bytes;    /* at least MNI_EXTMESH_WORK_MIN: all that is taken, the reader's own
                                buffers and 50 kB of structs apart */
-    uint64_t beside_bytes;  /* what else the process takes: for the number that a refusal names */
+    mni_cap cap;            /* work_bytes is of it: for the number that a refusal names */
     const char *temp_dir;   /* outlives the mesh */
     mn_watch watch;         /* of what comes after reading; zero: nobody */
     bool keep;              /* both are kept spills */

@@ -101,7 +101,8 @@ typedef struct rounds {
     uint32_t apart;                 /* rounds whose cells have hardly a ring */
     bool lone;                      /* one cell has all, but for what is aside */
     uint32_t cell_vertices, sample_every;
-    uint32_t vertices, cells; /* of this round */
+    uint32_t cells_most, threads_most; /* with another cap; as asked for */
+    uint32_t vertices, cells;          /* of this round */
     uint64_t simplices;
     bool carries;            /* hubs go from cell to cell */
     mni_frozen_table frozen; /* as cells are to see them; carried ones change in between */
@@ -152,18 +153,33 @@ static uint64_t cells_share(const rounds *r, uint64_t work_bytes) {
     return share < most ? share : most;
 }
 
+/* What is enough to the end where a cell does not fit. Cells that are larger than grown ones are
+ * not taken as they are (go_on), but for those that are dealt; and what has been set aside takes
+ * its least bytes in the end. */
+static uint64_t enough_for(const rounds *r, uint64_t bytes, bool ordinary) {
+    const uint64_t aside = mni_aside_least((uint64_t)r->vertices + r->frozen.count);
+    uint64_t most = ordinary ? 3 * usual_bytes(r->cells_most) / 2
+                             : usual_bytes((uint64_t)GROWN_MAX * r->cells_most);
+    most = bytes > most ? bytes : most;
+    most += REST_BYTES_MIN + TABLES_MAX + r->threads_most * THREAD_BYTES;
+    return most > aside || ordinary ? most : aside;
+}
+
+/* Whether such a cell is one of a surface, hardly larger than usual, as at a pole: that its cells
+ * do not grow is what is to be expected, not proven. */
+static bool is_ordinary(const rounds *r, uint64_t bytes) {
+    return r->frozen.count == 0 && r->simplices * 2 <= (uint64_t)r->vertices * 5 &&
+           2 * bytes <= 3 * usual_bytes(r->desc.cell_vertices);
+}
+
 /* Under the lock: whether such a cell fits at all. */
 static mn_code check_room(const rounds *r, uint64_t bytes) {
     if (bytes <= r->cells_bytes)
         return MN_OK;
-    uint64_t grown = usual_bytes((uint64_t)GROWN_MAX * r->desc.cell_vertices), most = bytes;
-    if (2 * bytes > 3 * usual_bytes(r->desc.cell_vertices) && grown > bytes) /* cells may grow */
-        most = grown;
-    uint64_t work = most + REST_BYTES_MIN + TABLES_MAX + r->desc.threads * THREAD_BYTES;
-    uint64_t all = (MNI_PROGRAM_BYTES + work) / 10 * 11; /* a part is kept in hand (vdt.c) */
     return mn_fail(r->st, MN_CAP_TOO_SMALL,
-                   "a part of the model that cannot be cut takes %llu MB; try --ram %lluM",
-                   (unsigned long long)(bytes >> 20), (unsigned long long)((all >> 20) + 1));
+                   "a part of the model that cannot be cut takes %llu MB; try %s %lluM",
+                   (unsigned long long)(bytes >> 20), mni_cap_option(&r->desc.cap),
+                   mni_cap_megabytes(&r->desc.cap, enough_for(r, bytes, is_ordinary(r, bytes))));
 }
 
 /* Under the lock: the first round's are dealt in turn; what others have is known. */
@@ -523,7 +539,7 @@ static bool stays_in_order(rounds *r, uint32_t before, bool stuck) {
     return r->stuck < STUCK_ROUNDS_IN_ORDER && r->slow_vertices <= most;
 }
 
-/* From the next round on vertices are points. */
+/* From the next round on vertices are points (put_aside). */
 static void set_aside(rounds *r) {
     r->stage = 4;
     r->order = RINGS;
@@ -692,13 +708,41 @@ static mn_code open_deal(rounds *r) {
     return try_deal(r);
 }
 
+/* What tiles hold. */
+static mn_code open_taken(rounds *r) {
+    const uint64_t largest = largest_cell(r);
+    mn_code code = make_room(r, largest);
+    return code == MN_OK ? check_room(r, largest) : code;
+}
+
+static mn_code put_parcel(void *context, const mni_parcel *head, const unsigned char *simplices,
+                          mn_status *st) {
+    rounds *r = context;
+    mn_code code = mni_aside_put(&r->aside, head, simplices, r->step, st);
+    return code == MN_OK ? tell(r, st) : code;
+}
+
+/* All simplices that are left, once vertices are points; if there will be room to end in. */
+static mn_code put_aside(rounds *r) {
+    const uint64_t vertices = (uint64_t)r->vertices + r->frozen.count;
+    const uint64_t least = mni_aside_least(vertices);
+    if (r->desc.work_bytes > 0 && r->desc.work_bytes < least)
+        return mn_fail(r->st, MN_CAP_TOO_SMALL,
+                       "%llu vertices that cannot be cut into parts take %llu MB; try %s %lluM",
+                       (unsigned long long)vertices, (unsigned long long)(least >> 20) + 1,
+                       mni_cap_option(&r->desc.cap),
+                       mni_cap_megabytes(&r->desc.cap, enough_for(r, 0, false)));
+    r->simplices = 0;
+    return mni_tiles_shed(r->now, put_parcel, r, r->st);
+}
+
 static mn_code all_rounds(rounds *r) {
     mn_code code = MN_OK;
     r->stage = 1;
     r->carrying_order = IN_ORDER;
     for (r->round = 0; code == MN_OK && !r->whole; r->round++) {
         uint32_t before = r->history->collapses, vertices = r->vertices;
-        code = r->round == 0 ? open_deal(r) : make_room(r, largest_cell(r));
+        code = r->round == 0 ? open_deal(r) : open_taken(r);
         r->whole = r->cells == 1 && (r->aside.count == 0 || r->aside.all);
         if (code == MN_OK && !r->whole)
             code = open_next(r);
@@ -706,8 +750,11 @@ static mn_code all_rounds(rounds *r) {
             code = run_round(r);
         if (code == MN_OK && !r->whole)
             code = turn_over(r);
+        bool all = r->aside.all;
         if (code == MN_OK && !r->whole)
             go_on(r, vertices, r->history->collapses - before);
+        if (code == MN_OK && r->aside.all && !all)
+            code = put_aside(r);
     }
     r->history->counts.rounds = r->round;
     return code;
@@ -739,7 +786,10 @@ uint32_t mni_rounds_cells_for(uint32_t cell_vertices, uint64_t work_bytes) {
 static void plan_memory(rounds *r) {
     mni_rounds_desc *d = &r->desc;
     d->threads = d->threads == 0 ? 1 : d->threads < THREADS_MAX ? d->threads : THREADS_MAX;
+    r->threads_most = d->threads;
+    r->cells_most = d->cell_vertices_most > 0 ? d->cell_vertices_most : MNI_CELL_VERTICES;
     d->cell_vertices = d->cell_vertices > 0 ? d->cell_vertices : MNI_CELL_VERTICES;
+    r->cells_most = r->cells_most > d->cell_vertices ? r->cells_most : d->cell_vertices;
     r->cell_vertices = d->cell_vertices; /* which may grow */
     r->sample_every = r->cell_vertices * 100 / (LEFT_PERCENT * CELL_TILES * TILE_SAMPLES);
     r->sample_every = r->sample_every > 0 ? r->sample_every : 1;
@@ -774,8 +824,8 @@ mn_code mni_rounds(mni_extmesh *mesh, const mni_rounds_desc *desc, mni_history *
     uint64_t least = mni_rounds_work_min(desc->cell_vertices);
     *out = MNI_HISTORY_CLOSED;
     if (desc->work_bytes > 0 && desc->work_bytes < least)
-        return mn_fail(st, MN_CAP_TOO_SMALL, "simplifying needs --ram %lluM",
-                       (unsigned long long)((least + MNI_PROGRAM_BYTES) >> 20) + 1);
+        return mn_fail(st, MN_CAP_TOO_SMALL, "simplifying needs %s %lluM",
+                       mni_cap_option(&desc->cap), mni_cap_megabytes(&desc->cap, least));
     uint64_t read_before = mesh->vertex.bytes_read + mesh->triangle.bytes_read;
     MN_ASSERT(mesh->vertices > 1 && mesh->vertices < MNI_COLLAPSE);
     plan_memory(&r);

@@ -30,11 +30,13 @@ enum { MNI_CELL_VERTICES = 8192 };
 
 typedef struct mni_rounds_desc {
     mn_metric metric;
-    uint32_t cell_vertices; /* 0: MNI_CELL_VERTICES; the tree depends on it */
-    uint32_t threads;       /* 0: 1; fewer are used where memory has no room for their cells */
-    uint64_t work_bytes;    /* all that is taken; 0: as much as keeps off the disk */
-    const char *temp_dir;   /* outlives *out */
-    bool keep;              /* *out is of kept spills */
+    uint32_t cell_vertices;      /* 0: MNI_CELL_VERTICES; the tree depends on it */
+    uint32_t threads;            /* 0: 1; fewer are used where memory has no room for their cells */
+    uint64_t work_bytes;         /* all that is taken; 0: as much as keeps off the disk */
+    mni_cap cap;                 /* of which it is: for the number that a refusal names */
+    uint32_t cell_vertices_most; /* with that cap: 0: cell_vertices */
+    const char *temp_dir;        /* outlives *out */
+    bool keep;                   /* *out is of kept spills */
     mn_progress progress;
     void *progress_context;
 } mni_rounds_desc;

@@ -148,6 +148,7 @@ static mn_code simplify_in_rounds(const mn_mesh *mesh, const mn_simplify_desc *d
     mni_rounds_desc rounds = {.metric = desc->metric,
                               .cell_vertices = desc->cell_vertices,
                               .threads = desc->threads,
+                              .cap.beside_bytes = taken,
                               .temp_dir = desc->temp_dir != NULL ? desc->temp_dir : ".",
                               .progress = desc->progress,
                               .progress_context = desc->progress_context};

@@ -202,6 +202,11 @@ static int by_source(const void *a, const void *b) {
     return x.source < y.source ? -1 : x.source > y.source;
 }
 
+static void leave_out(mni_parcel *head) {
+    head->simplices = head->sights = 0;
+    head->simplices_bytes = head->sights_bytes = 0;
+}
+
 /* Under the lock. A tile's parcels, from the last to the first; behind what they take. */
 static unsigned char *take_tile(mni_tiles *t, const mni_tile *tile, mni_crate *c, uint32_t *next,
                                 unsigned char *to) {
@@ -209,9 +214,17 @@ static unsigned char *take_tile(mni_tiles *t, const mni_tile *tile, mni_crate *c
     uint32_t first = *next;
     for (uint32_t i = 0; i < tile->parcels; i++) {
         size_t bytes = head.before_bytes;
-        if (read_back(t, head.before, to, bytes) != MN_OK)
+        const uint64_t at = head.before;
+        if (read_back(t, at, to, t->shed ? sizeof head : bytes) != MN_OK)
             break;
         memcpy(&head, to, sizeof head);
+        if (t->shed) {
+            leave_out(&head);
+            memcpy(to, &head, sizeof head);
+            bytes = parcel_bytes(&head);
+            if (read_back(t, at + sizeof head, to + sizeof head, bytes - sizeof head) != MN_OK)
+                break;
+        }
         if (i + 1 < tile->parcels && head.before < t->spill.size_bytes)
             mni_spill_ask(&t->spill, head.before, head.before_bytes);
         c->nodes += head.nodes;
@@ -236,6 +249,81 @@ mn_code mni_tiles_take(mni_tiles *t, mni_crate *c, mn_status *st) {
         mn_fail(st, t->spill.trouble.code, "%s", t->spill.trouble.text);
     pthread_mutex_unlock(&t->lock);
     return st->code;
+}
+
+/* ---- without simplices ---------------------------------------------------------------------- */
+
+typedef struct shedding {
+    mn_code (*take)(void *context, const mni_parcel *head, const unsigned char *simplices,
+                    mn_status *st);
+    void *context;
+    struct place {
+        uint64_t at;
+        mni_parcel head;
+    } * place; /* of a tile's parcels */
+    unsigned char *simplices;
+    size_t room; /* for them */
+    mn_status *st;
+} shedding;
+
+static int by_head(const void *a, const void *b) {
+    const struct place *x = a, *y = b;
+    return x->head.source < y->head.source ? -1 : x->head.source > y->head.source;
+}
+
+static mn_code shed_parcel(mni_tiles *t, const struct place *p, shedding *s) {
+    const uint64_t at = p->at + sizeof p->head + p->head.ids_bytes + p->head.vertices_bytes;
+    if (p->head.simplices_bytes > s->room) {
+        mni_mem_give(s->simplices);
+        s->room = p->head.simplices_bytes;
+        s->simplices = mni_mem_take(s->room, 0);
+        if (s->simplices == NULL)
+            return no_memory(s->st);
+    }
+    mn_code code = read_back(t, at, s->simplices, p->head.simplices_bytes);
+    return code == MN_OK ? s->take(s->context, &p->head, s->simplices, s->st) : code;
+}
+
+static mn_code shed_tile(mni_tiles *t, mni_tile *tile, shedding *s) {
+    mn_code code = MN_OK;
+    uint64_t at = tile->last;
+    s->place = mni_mem_take(((size_t)tile->parcels + 1) * sizeof *s->place, 0);
+    if (s->place == NULL)
+        return no_memory(s->st);
+    for (uint32_t i = 0; i < tile->parcels && code == MN_OK; i++) {
+        struct place *p = &s->place[i];
+        p->at = at;
+        code = read_back(t, at, (unsigned char *)&p->head, sizeof p->head);
+        at = p->head.before;
+    }
+    if (code == MN_OK)
+        qsort(s->place, tile->parcels, sizeof *s->place, by_head);
+    for (uint32_t i = 0; i < tile->parcels && code == MN_OK; i++) {
+        const mni_parcel *head = &s->place[i].head;
+        tile->bytes -= head->simplices_bytes + head->sights_bytes;
+        code = shed_parcel(t, &s->place[i], s);
+    }
+    tile->simplices = 0;
+    mni_mem_give(s->place);
+    return code;
+}
+
+mn_code mni_tiles_shed(mni_tiles *t,
+                       mn_code (*take)(void *context, const mni_parcel *head,
+                                       const unsigned char *simplices, mn_status *st),
+                       void *context, mn_status *st) {
+    shedding s = {.take = take, .context = context, .st = st};
+    mn_code code = MN_OK;
+    pthread_mutex_lock(&t->lock);
+    for (uint32_t i = 0; i < t->tiles && code == MN_OK; i++)
+        code = shed_tile(t, &t->tile[i], &s);
+    t->simplices = 0;
+    t->shed = true;
+    if (t->spill.trouble.code != MN_OK)
+        code = mn_fail(st, t->spill.trouble.code, "%s", t->spill.trouble.text);
+    pthread_mutex_unlock(&t->lock);
+    mni_mem_give(s.simplices);
+    return code;
 }
 
 void mni_crate_free(mni_crate *c) {

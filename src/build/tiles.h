@@ -60,6 +60,7 @@ typedef struct mni_tiles {
     uint32_t *first; /* a cell's tile; cells + 1 of them */
     uint32_t cells;
     uint64_t vertices, simplices;
+    bool shed; /* parcels are read without simplices */
 } mni_tiles;
 
 #define MNI_TILES_CLOSED                                                                           \
@@ -81,6 +82,12 @@ mn_code mni_tiles_empty(mni_tiles *t, mn_status *st);
 /* Cells of about so many vertices, or of as many simplices as a surface of these has; one, if all
  * fits. */
 mn_code mni_tiles_finish(mni_tiles *t, uint32_t cell_vertices, mn_status *st);
+/* Calls with the simplices of all parcels, by tile, then by source: from then on there are none,
+ * and no sights. Before any is taken. Memory: those of one parcel, 72 bytes for each of a tile. */
+mn_code mni_tiles_shed(mni_tiles *t,
+                       mn_code (*take)(void *context, const mni_parcel *head,
+                                       const unsigned char *simplices, mn_status *st),
+                       void *context, mn_status *st);
 
 /* What is in a cell's tiles. */
 typedef struct mni_crate {

@@ -116,6 +116,8 @@ typedef struct maker {
     mn_work *work;
     const char *temp_dir;
     uint64_t work_bytes; /* 0: no bound */
+    mni_cap cap;         /* of which it is */
+    uint32_t cells_most; /* vertices of a cell, as asked for: the cap may allow fewer */
     mn_watch watch;
     mni_extmesh mesh;
     mni_history history;
@@ -226,17 +228,8 @@ static uint64_t max_u64(uint64_t a, uint64_t b) {
     return a > b ? a : b;
 }
 
-static uint64_t work_of(uint64_t ram_bytes) {
-    const uint64_t spare = ram_bytes > SMALL_RAM ? (ram_bytes - SMALL_RAM) / SPARE_PART : 0;
-    return ram_bytes > BESIDE_BYTES ? ram_bytes - BESIDE_BYTES - spare : 1;
-}
-
-/* --ram for so much of a phase, as a number to type. */
-static unsigned long long ram_for(uint64_t work_bytes) {
-    const uint64_t small = work_bytes + BESIDE_BYTES;
-    const uint64_t spare = small > SMALL_RAM ? (small - SMALL_RAM) / (SPARE_PART - 1) + 1 : 0;
-    return (small + spare + (1 << 20) - 1) >> 20;
-}
+static const mni_cap ram_cap = {"--ram", BESIDE_BYTES, SMALL_RAM, SPARE_PART};
+static const mni_cap work_cap = {.option = "--work-ram"};
 
 static uint64_t work_least(uint32_t cell_vertices, uint64_t vertices) {
     return max_u64(MNI_EXTMESH_WORK_MIN,
@@ -245,7 +238,7 @@ static uint64_t work_least(uint32_t cell_vertices, uint64_t vertices) {
 
 uint64_t mn_vdt_ram_least(const mn_simplify_desc *simplify, uint64_t vertices) {
     const uint32_t cells = mni_rounds_cells_for(simplify->cell_vertices, simplify->work_bytes);
-    return (uint64_t)ram_for(work_least(cells, vertices)) << 20;
+    return (uint64_t)mni_cap_megabytes(&ram_cap, work_least(cells, vertices)) << 20;
 }
 
 /* Each phase has all that is left by the program:
@@ -258,22 +251,27 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
     uint64_t ram = m->simplify.ram_bytes;
     if (m->read.ram_bytes > 0 && (ram == 0 || m->read.ram_bytes < ram))
         ram = m->read.ram_bytes;
+    if (vertices == 0)
+        m->cells_most = m->simplify.cell_vertices;
     m->simplify.cell_vertices =
         mni_rounds_cells_for(m->simplify.cell_vertices, m->simplify.work_bytes);
     const uint64_t need = work_least(m->simplify.cell_vertices, vertices);
-    m->work_bytes = ram == 0 ? 0 : work_of(ram);
+    m->work_bytes = ram == 0 ? 0 : mni_cap_work(&ram_cap, ram);
+    m->cap = ram_cap;
     const uint64_t less = m->simplify.work_bytes;
     if (less != 0 && less < need)
         return mn_fail(m->st, MN_CAP_TOO_SMALL,
                        "%s: %.1f MB to work in are too few: try --work-ram %lluM", m->in,
                        (double)less / (1 << 20), (unsigned long long)(need >> 20) + 1);
-    if (less != 0 && (ram == 0 || less < m->work_bytes))
+    if (less != 0 && (ram == 0 || less < m->work_bytes)) {
         m->work_bytes = less;
+        m->cap = work_cap;
+    }
     if (ram == 0 || m->work_bytes >= need)
         return MN_OK;
     return mn_fail(m->st, MN_CAP_TOO_SMALL,
                    "%s: %.1f MB of memory are too few to simplify in: try --ram %lluM", m->in,
-                   (double)ram / (1 << 20), ram_for(need));
+                   (double)ram / (1 << 20), mni_cap_megabytes(&ram_cap, need));
 }
 
 static mn_code read_phase(maker *m) {
@@ -295,7 +293,7 @@ static mn_code read_phase(maker *m) {
     }
     mni_extmesh_desc desc = {.position_bits = bits,
                              .work_bytes = work,
-                             .beside_bytes = BESIDE_BYTES,
+                             .cap = m->cap,
                              .temp_dir = m->temp_dir,
                              .watch = m->watch,
                              .keep = m->work != NULL,
@@ -319,6 +317,8 @@ static mn_code simplify_phase(maker *m) {
                                   .cell_vertices = m->simplify.cell_vertices,
                                   .threads = m->simplify.threads,
                                   .work_bytes = m->work_bytes,
+                                  .cap = m->cap,
+                                  .cell_vertices_most = m->cells_most,
                                   .temp_dir = m->temp_dir,
                                   .keep = m->work != NULL,
                                   .progress = m->simplify.progress,

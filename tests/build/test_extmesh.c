@@ -491,7 +491,7 @@ END_TEST
 START_TEST(too_little_memory) {
     const uint64_t vertices = _i == 0 ? 300000 : 6 * MNI_EXTMESH_WORK_MIN + 300000;
     mni_extmesh_desc desc = {
-        .work_bytes = MNI_EXTMESH_WORK_MIN, .beside_bytes = 3 << 20, .temp_dir = folder};
+        .work_bytes = MNI_EXTMESH_WORK_MIN, .cap.beside_bytes = 3 << 20, .temp_dir = folder};
     mn_status st = {0};
     mni_extmesh x;
     FILE *f = fopen(path, "wb");
@@ -512,7 +512,7 @@ START_TEST(too_little_memory) {
     ck_assert_int_eq(mni_extmesh_read(path, NULL, &desc, &x, &st), MN_CAP_TOO_SMALL);
     const char *named = strstr(st.text, "--ram ");
     ck_assert_msg(named != NULL, "%s", st.text);
-    desc.work_bytes = (strtoull(named + 6, NULL, 10) << 20) - desc.beside_bytes;
+    desc.work_bytes = (strtoull(named + 6, NULL, 10) << 20) - desc.cap.beside_bytes;
     ck_assert_uint_lt(desc.work_bytes, 2 * vertices + (1 << 20));
     st.code = MN_OK;
     ck_assert_msg(mni_extmesh_read(path, NULL, &desc, &x, &st) == MN_OK, "%s", st.text);

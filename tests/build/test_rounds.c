@@ -604,6 +604,49 @@ START_TEST(too_small_a_cap_names_one_that_does) {
 }
 END_TEST
 
+/* Many hubs on one rim: all triangles come into one cell, which is larger than those that grow. */
+static void make_rim(random_mesh *m, uint32_t hubs, uint32_t n) {
+    m->mesh = (mn_mesh){.position = malloc((size_t)(hubs + n) * 12),
+                        .corner = malloc((size_t)hubs * n * 12)};
+    for (uint32_t i = 0; i < n; i++) {
+        double round = i * 6.2831853 / n;
+        put_point(m, 0, sin(round), cos(round));
+    }
+    for (uint32_t hub = 0; hub < hubs; hub++) {
+        put_point(m, 1 + 0.001 * hub, 0.01 * (double)(random_u64() % 64), 0);
+        for (uint32_t i = 0; i < n; i++)
+            put_triangle(m, n + hub, i, (i + 1) % n);
+    }
+}
+
+/* The first cap that is named is one that does. It was one for cells that grow, and where one was
+ * larger than these, another was named after it. */
+START_TEST(the_first_cap_that_is_named_does) {
+    random_mesh m;
+    mni_history h;
+    mn_status st = {0};
+    mni_rounds_desc desc = {.cell_vertices = 256, .temp_dir = "/tmp"};
+    if (_i == 0)
+        make_rim(&m, 500, 60);
+    else if (_i == 1)
+        make_scattered_fans(&m, 200, 60);
+    else
+        make_crowd(&m, 150, 60);
+    write_out(&m);
+    desc.work_bytes = mni_rounds_work_min(desc.cell_vertices);
+    if (mni_rounds(&m.external, &desc, &h, &st) == MN_CAP_TOO_SMALL) {
+        unsigned megabytes;
+        ck_assert_msg(sscanf(strstr(st.text, "--ram"), "--ram %uM", &megabytes) == 1, "%s",
+                      st.text);
+        desc.work_bytes = (uint64_t)megabytes << 20;
+        h = make_history(&m, &desc);
+    }
+    ck_assert_int_ne(h.collapse.fd, -1);
+    mni_history_close(&h);
+    drop(&m);
+}
+END_TEST
+
 /* Rounds ask what was moved whether or not dealing could begin: that crashed. */
 START_TEST(no_memory_to_deal_in_is_told) {
     random_mesh m;
@@ -668,6 +711,7 @@ int main(void) {
     tcase_set_timeout(tc, 120);
     tcase_add_loop_test(tc, what_cannot_be_cut_is_built, 0, UNCUT_KINDS);
     tcase_add_loop_test(tc, too_small_a_cap_names_one_that_does, 0, 2);
+    tcase_add_loop_test(tc, the_first_cap_that_is_named_does, 0, 3);
     suite_add_tcase(suite, tc);
     tc = tcase_create("order");
     tcase_set_timeout(tc, 120);
