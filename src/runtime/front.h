@@ -108,6 +108,12 @@ typedef struct mni_ring {
     uint32_t slot[MNI_RING];
 } mni_ring;
 
+/* Around the two children of a fork: the left one's ring, the right one's, MN_NONE. */
+typedef struct mni_rings {
+    uint32_t slot[2 * MNI_RING + 1];
+    bool is_none; /* a list is longer than its record: nothing is above */
+} mni_rings;
+
 typedef struct mni_front_view {
     mni_entry entry;
     const void *bytes;
@@ -206,6 +212,10 @@ uint32_t mni_front_split_blockers(mni_front *front, uint32_t slot, mni_front_ref
                                   uint32_t room);
 /* A neighbour whose parent's order id is below that of the fork, or MN_NONE. */
 uint32_t mni_front_collapse_blocker(mni_front *front, uint32_t fork);
+/* The same in two steps, so that several forks can be tested together: the neighbours, which are
+ * asked for, then, before anything moves, the blocker. */
+void mni_front_look(const mni_front *front, uint32_t fork, mni_rings *rings);
+uint32_t mni_front_blocker_among(mni_front *front, uint32_t fork, const mni_rings *rings);
 
 /* Memory that a move of a node will touch, asked for in three steps, each of which reads what the
  * one before asked for: the node, its simplices, its neighbours. */

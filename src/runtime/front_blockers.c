@@ -96,11 +96,23 @@ static uint32_t collapse_blocker_far(mni_front *f, uint32_t slot, uint32_t order
     return MN_NONE;
 }
 
-uint32_t mni_front_collapse_blocker(mni_front *f, uint32_t fork) {
+void mni_front_look(const mni_front *f, uint32_t fork, mni_rings *rings) {
+    const uint32_t *child = f->branch[fork].child;
+    rings->is_none = is_long(f, child[0]) || is_long(f, child[1]);
+    if (!rings->is_none)
+        mni_ring_look(f, child[0], child[1], rings);
+}
+
+uint32_t mni_front_blocker_among(mni_front *f, uint32_t fork, const mni_rings *rings) {
     const mni_front_branch *b = &f->branch[fork];
-    uint32_t left = b->child[0], right = b->child[1];
-    if (!is_long(f, left) && !is_long(f, right))
-        return mni_ring_block_collapse(f, left, right, b->order);
-    uint32_t found = collapse_blocker_far(f, left, b->order);
-    return found != MN_NONE ? found : collapse_blocker_far(f, right, b->order);
+    if (!rings->is_none)
+        return mni_ring_block_collapse(f, rings, b->order);
+    uint32_t found = collapse_blocker_far(f, b->child[0], b->order);
+    return found != MN_NONE ? found : collapse_blocker_far(f, b->child[1], b->order);
+}
+
+uint32_t mni_front_collapse_blocker(mni_front *f, uint32_t fork) {
+    mni_rings rings;
+    mni_front_look(f, fork, &rings);
+    return mni_front_blocker_among(f, fork, &rings);
 }

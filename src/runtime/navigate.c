@@ -172,16 +172,16 @@ static uint32_t next_forks(mni_navigator *nav, uint32_t *fork, uint32_t room) {
 static uint32_t test_forks(mni_navigator *nav, uint32_t *fork, uint32_t count) {
     mni_front *front = &nav->front;
     uint32_t blocker[TOGETHER], kept = 0;
+    mni_rings rings[TOGETHER];
     for (uint32_t i = 0; i < count; i++)
         fetch_children(front, fork[i]);
     for (uint32_t i = 0; i < count; i++)
         for (int side = 0; side < 2; side++)
             mni_front_fetch_simplices(front, front->branch[fork[i]].child[side], false);
     for (uint32_t i = 0; i < count; i++)
-        for (int side = 0; side < 2; side++)
-            mni_front_fetch_ring(front, front->branch[fork[i]].child[side]);
+        mni_front_look(front, fork[i], &rings[i]);
     for (uint32_t i = 0; i < count; i++)
-        blocker[i] = mni_front_collapse_blocker(front, fork[i]);
+        blocker[i] = mni_front_blocker_among(front, fork[i], &rings[i]);
     for (uint32_t i = 0; i < count; i++) {
         const mni_front_branch *b = &front->branch[fork[i]];
         if (blocker[i] != MN_NONE) {

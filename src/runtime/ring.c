@@ -26,18 +26,18 @@ static void give(mni_front *f, uint32_t corner, uint32_t slot) {
 
 /* ---- loops ----------------------------------------------------------------------------------- */
 
-static void look(const mni_front *f, const uint32_t *corner, mni_ring *ring) {
+static void look(const mni_front *f, const uint32_t *corner, uint32_t slot[MNI_RING]) {
     for (int i = 0; i < HALF; i++) {
-        ring->slot[i] = mni_corner_slot(f, mni_corner_after(corner[i]));
-        ring->slot[HALF + i] = mni_corner_slot(f, mni_corner_before(corner[i]));
+        slot[i] = mni_corner_slot(f, mni_corner_after(corner[i]));
+        slot[HALF + i] = mni_corner_slot(f, mni_corner_before(corner[i]));
     }
 }
 
-static uint32_t above_or_below(const mni_front *f, const mni_ring *ring, bool split,
+static uint32_t above_or_below(const mni_front *f, const uint32_t slot[MNI_RING], bool split,
                                uint32_t order) {
     uint32_t mask = 0;
     for (int i = 0; i < MNI_RING; i++) {
-        const mni_front_node *n = &f->node[ring->slot[i]];
+        const mni_front_node *n = &f->node[slot[i]];
         mask |= (uint32_t)(split ? n->order > order : n->above < order) << i;
     }
     return mask;
@@ -74,7 +74,7 @@ static uint32_t join(mni_front *f, uint32_t left, uint32_t right, uint32_t *thir
     for (int side = 0; side < 2; side++) {
         const uint32_t *corner = f->node[side ? right : left].corner;
         uint32_t other = side ? left : right;
-        look(f, corner, &ring);
+        look(f, corner, ring.slot);
         for (int i = 0; i < HALF && corner[i] != 0; i++) {
             bool after = ring.slot[i] == other;
             if (!after && ring.slot[HALF + i] != other) {
@@ -127,6 +127,11 @@ FAST static inline __m256i corners_fast(const mni_front *f, uint32_t slot) {
     return _mm256_loadu_si256((const __m256i *)(const void *)f->node[slot].corner);
 }
 
+/* Of the corners in their arrays. */
+FAST static void places_fast(const mni_front *f, uint32_t slot, uint32_t at[HALF]) {
+    _mm256_storeu_si256((__m256i *)(void *)at, at_fast(corners_fast(f, slot)));
+}
+
 FAST static inline vectors look_fast(const mni_front *f, __m256i corner) {
     const int *node = (const int *)f->simplex_node;
     __m256i nobody = _mm256_set1_epi32((int)f->nobody);
@@ -135,14 +140,14 @@ FAST static inline vectors look_fast(const mni_front *f, __m256i corner) {
     return (vectors){_mm256_min_epu32(after, nobody), _mm256_min_epu32(before, nobody)};
 }
 
-FAST static inline void put_fast(mni_ring *ring, vectors v) {
-    _mm256_storeu_si256((__m256i *)(void *)ring->slot, v.after);
-    _mm256_storeu_si256((__m256i *)(void *)(ring->slot + HALF), v.before);
+FAST static inline void put_fast(uint32_t slot[MNI_RING], vectors v) {
+    _mm256_storeu_si256((__m256i *)(void *)slot, v.after);
+    _mm256_storeu_si256((__m256i *)(void *)(slot + HALF), v.before);
 }
 
-FAST static inline vectors get_fast(const mni_ring *ring) {
-    return (vectors){_mm256_loadu_si256((const __m256i *)(const void *)ring->slot),
-                     _mm256_loadu_si256((const __m256i *)(const void *)(ring->slot + HALF))};
+FAST static inline vectors get_fast(const uint32_t slot[MNI_RING]) {
+    return (vectors){_mm256_loadu_si256((const __m256i *)(const void *)slot),
+                     _mm256_loadu_si256((const __m256i *)(const void *)(slot + HALF))};
 }
 
 /* The word of a node's record that lies so many bytes in. */
@@ -174,7 +179,7 @@ FAST static uint32_t split_fast(const mni_front *f, uint32_t slot, mni_ring *rin
     __m256i own = _mm256_set1_epi32((int)f->node[slot].order);
     __m256i after = field_fast(f, v.after, offsetof(mni_front_node, order));
     __m256i before = field_fast(f, v.before, offsetof(mni_front_node, order));
-    put_fast(ring, v);
+    put_fast(ring->slot, v);
     uint32_t lower = equal_fast(_mm256_min_epu32(after, own), after) |
                      equal_fast(_mm256_min_epu32(before, own), before) << HALF;
     return lower ^ 0xffff;
@@ -185,21 +190,20 @@ FAST static inline uint32_t below_fast(const mni_front *f, __m256i slot, __m256i
     return 0xff ^ equal_fast(_mm256_max_epu32(above, order), above);
 }
 
+FAST static void look_two_fast(const mni_front *f, uint32_t left, uint32_t right,
+                               mni_rings *rings) {
+    put_fast(rings->slot, look_fast(f, corners_fast(f, left)));
+    put_fast(rings->slot + MNI_RING, look_fast(f, corners_fast(f, right)));
+}
+
 /* Both rings at once: which of them blocks is known when memory has answered, and what is guessed
  * until then would keep the next test from asking it. */
-FAST static uint32_t collapse_fast(const mni_front *f, uint32_t left, uint32_t right,
-                                   uint32_t order) {
-    uint32_t slot[4 * HALF + 1];
-    vectors l = look_fast(f, corners_fast(f, left)), r = look_fast(f, corners_fast(f, right));
+FAST static uint32_t collapse_fast(const mni_front *f, const mni_rings *rings, uint32_t order) {
+    vectors l = get_fast(rings->slot), r = get_fast(rings->slot + MNI_RING);
     __m256i own = _mm256_set1_epi32((int)order);
     uint64_t lower = below_fast(f, l.after, own) | below_fast(f, l.before, own) << HALF;
     lower |= below_fast(f, r.after, own) << (2 * HALF) | below_fast(f, r.before, own) << (3 * HALF);
-    _mm256_storeu_si256((__m256i *)(void *)slot, l.after);
-    _mm256_storeu_si256((__m256i *)(void *)(slot + HALF), l.before);
-    _mm256_storeu_si256((__m256i *)(void *)(slot + 2 * HALF), r.after);
-    _mm256_storeu_si256((__m256i *)(void *)(slot + 3 * HALF), r.before);
-    slot[4 * HALF] = MN_NONE;
-    return slot[__builtin_ctzll(lower | UINT64_C(1) << (4 * HALF))];
+    return rings->slot[__builtin_ctzll(lower | UINT64_C(1) << (4 * HALF))];
 }
 
 /* lo ≤ leaf < hi, in numbers below 2^31. */
@@ -210,7 +214,7 @@ FAST static inline uint32_t holds_fast(const mni_front *f, __m256i slot, __m256i
 }
 
 FAST static uint32_t find_fast(const mni_front *f, const mni_ring *ring, uint32_t leaf) {
-    vectors v = get_fast(ring);
+    vectors v = get_fast(ring->slot);
     __m256i wanted = _mm256_set1_epi32((int)leaf);
     uint32_t found = holds_fast(f, v.after, wanted);
     if (found == 0) /* at an open edge */
@@ -283,7 +287,9 @@ FAST static uint32_t place_fast(const mni_front *f, uint32_t slot, uint32_t corn
 }
 #else
 #define split_fast(f, slot, ring) 0
-#define collapse_fast(f, left, right, order) 0
+#define places_fast(f, slot, at) (void)0
+#define look_two_fast(f, left, right, rings) (void)0
+#define collapse_fast(f, rings, order) 0
 #define find_fast(f, ring, leaf) 0
 #define part_fast(f, slot, right, mid) (void)0
 #define join_fast(f, left, right, third, over, over_count) 0
@@ -303,22 +309,33 @@ bool mni_ring_has_vectors(void) {
 uint32_t mni_ring_block_split(const mni_front *f, uint32_t slot, mni_ring *ring) {
     if (f->vectors)
         return split_fast(f, slot, ring);
-    look(f, f->node[slot].corner, ring);
-    return above_or_below(f, ring, true, f->node[slot].order);
+    look(f, f->node[slot].corner, ring->slot);
+    return above_or_below(f, ring->slot, true, f->node[slot].order);
 }
 
-uint32_t mni_ring_block_collapse(const mni_front *f, uint32_t left, uint32_t right,
-                                 uint32_t order) {
-    if (f->vectors)
-        return collapse_fast(f, left, right, order);
-    for (int side = 0; side < 2; side++) {
-        mni_ring ring;
-        look(f, f->node[side ? right : left].corner, &ring);
-        uint32_t lower = above_or_below(f, &ring, false, order);
-        if (lower != 0)
-            return ring.slot[__builtin_ctz(lower)];
+/* Who stands after a corner in its simplex stands before another's, but at an open edge: they
+ * suffice. */
+void mni_ring_look(const mni_front *f, uint32_t left, uint32_t right, mni_rings *rings) {
+    if (f->vectors) {
+        look_two_fast(f, left, right, rings);
+    } else {
+        look(f, f->node[left].corner, rings->slot);
+        look(f, f->node[right].corner, rings->slot + MNI_RING);
     }
-    return MN_NONE;
+    rings->slot[2 * MNI_RING] = MN_NONE;
+#pragma GCC unroll 8
+    for (int i = 0; i < HALF; i++) {
+        __builtin_prefetch(&f->node[rings->slot[i]]);
+        __builtin_prefetch(&f->node[rings->slot[MNI_RING + i]]);
+    }
+}
+
+uint32_t mni_ring_block_collapse(const mni_front *f, const mni_rings *rings, uint32_t order) {
+    if (f->vectors)
+        return collapse_fast(f, rings, order);
+    uint64_t lower = above_or_below(f, rings->slot, false, order);
+    lower |= (uint64_t)above_or_below(f, rings->slot + MNI_RING, false, order) << MNI_RING;
+    return rings->slot[__builtin_ctzll(lower | UINT64_C(1) << (2 * MNI_RING))];
 }
 
 uint32_t mni_ring_find(const mni_front *f, const mni_ring *ring, uint32_t leaf) {
@@ -353,15 +370,20 @@ uint32_t mni_ring_place(const mni_front *f, uint32_t slot, uint32_t corner) {
 /* ---- ahead of time --------------------------------------------------------------------------- */
 
 void mni_front_fetch_simplices(const mni_front *f, uint32_t slot, bool leaves) {
-    const mni_front_node *n = &f->node[slot];
+    uint32_t at[HALF];
+    if (f->vectors)
+        places_fast(f, slot, at);
+    else
+        for (int i = 0; i < HALF; i++)
+            at[i] = (uint32_t)mni_corner_at(f->node[slot].corner[i]);
 #pragma GCC unroll 8
     for (int i = 0; i < HALF; i++)
-        __builtin_prefetch(&f->simplex_node[mni_corner_at(n->corner[i])]);
+        __builtin_prefetch(&f->simplex_node[at[i]]);
     if (!leaves)
         return;
 #pragma GCC unroll 8
     for (int i = 0; i < HALF; i++)
-        __builtin_prefetch(&f->simplex_leaf[mni_corner_at(n->corner[i])]);
+        __builtin_prefetch(&f->simplex_leaf[at[i]]);
 }
 
 /* Those that stand after it suffice, but at an open edge. */

@@ -52,10 +52,11 @@ bool mni_ring_has_vectors(void);
 /* All of these: of nodes whose lists are no longer than the record. */
 /* Bit i: ring->slot[i] must split before the slot may. The ring is looked at. */
 uint32_t mni_ring_block_split(const mni_front *front, uint32_t slot, mni_ring *ring);
-/* Of the nodes around two children, the first one whose parent's order id is below that; MN_NONE:
- * there is none. */
-uint32_t mni_ring_block_collapse(const mni_front *front, uint32_t left, uint32_t right,
-                                 uint32_t order);
+/* The rings around a fork's two children, and the nodes there asked for. */
+void mni_ring_look(const mni_front *front, uint32_t left, uint32_t right, mni_rings *rings);
+/* Of the nodes around the two, the first one whose parent's order id is below that; MN_NONE: there
+ * is none. */
+uint32_t mni_ring_block_collapse(const mni_front *front, const mni_rings *rings, uint32_t order);
 /* Who of the ring holds the leaf; MN_NONE: nobody. */
 uint32_t mni_ring_find(const mni_front *front, const mni_ring *ring, uint32_t leaf);
 /* A split's: corners of leaves from mid on go to the right child, whose record is empty. */
