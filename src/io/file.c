@@ -1,6 +1,6 @@
 /* Files, whole: see file.h.
  *
- * Secret: files without names, the temporary name, the buffer, and the order of sync and rename
+ * Secret: files without names, the temporary name, the buffer, and the order of sync and naming
  * that makes a new file appear at once and complete. A mni_out owns its two names and a buffer of
  * TAIL_BYTES. Threads: each object one at a time. (design.md §3.5) */
 #define _GNU_SOURCE /* O_TMPFILE */
@@ -149,6 +149,14 @@ static int open_temporary(mni_out *out) {
     return errno;
 }
 
+/* Gives a nameless file its final name, where nothing has it: then there is no moment at which a
+ * kill would leave a temporary name behind. */
+static bool name_finally(mni_out *out) {
+    char self[SELF_NAME_BYTES];
+    self_name(out->fd, self);
+    return !out->named && linkat(AT_FDCWD, self, AT_FDCWD, out->path, AT_SYMLINK_FOLLOW) == 0;
+}
+
 /* Gives a nameless file a temporary name: a link cannot take the place of what stands there. */
 static int name_temporary(mni_out *out) {
     char self[SELF_NAME_BYTES];
@@ -237,7 +245,8 @@ mn_code mni_out_commit(mni_out *out, mn_status *st) {
     if (out->failed == MN_OK)
         flush(out, st);
     if (out->failed == MN_OK &&
-        (fsync(out->fd) != 0 || name_temporary(out) != 0 || rename(out->temp, out->path) != 0))
+        (fsync(out->fd) != 0 ||
+         (!name_finally(out) && (name_temporary(out) != 0 || rename(out->temp, out->path) != 0))))
         write_failed(out, errno, st);
     mn_code code = out->failed;
     if (code == MN_OK) {

@@ -55,8 +55,9 @@ int64_t mni_out_read(const mni_out *out, uint64_t offset, void *bytes, size_t co
 void mni_out_discard(mni_out *out, uint64_t from, uint64_t to);
 /* Where the next append goes: the bytes appended so far. */
 uint64_t mni_out_at(const mni_out *out);
-/* Writes what is buffered, syncs, renames, syncs the directory. On failure nothing is left behind
- * and what stood under the final name is untouched. out is closed either way. */
+/* Writes what is buffered, syncs, names it (by a rename where something stands), syncs the
+ * directory. On failure nothing is left behind and what stood under the final name is untouched.
+ * out is closed either way. */
 mn_code mni_out_commit(mni_out *out, mn_status *st);
 /* Removes the temporary file. Harmless after commit or abort, and on a zeroed struct. */
 void mni_out_abort(mni_out *out);
