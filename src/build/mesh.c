@@ -185,7 +185,7 @@ static bool push(const char *path, format kind, bool openmesh, mni_source *sourc
         [STL_ASCII] = "stl", [OPENMESH] = "om", [OBJ] = "obj"};
     return (openmesh ? mni_read_openmesh(path, openmesh_names[kind], desc, source, intake)
                      : read_own(kind, source, intake)) &&
-           source->st->code == MN_OK;
+           source->st->code == MN_OK && mni_source_unchanged(source);
 }
 
 /* Into one of the two. */

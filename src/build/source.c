@@ -60,6 +60,7 @@ static bool open_regular(mni_source *source, const char *path) {
         return false;
     }
     source->size = (uint64_t)about.st_size;
+    source->written = about.st_mtim;
     if (source->size == 0) {
         mn_fail(source->st, MN_BAD_INPUT, "%s: is empty", source->name);
         return false;
@@ -98,6 +99,18 @@ void mni_source_close(mni_source *source) {
     if (source->fd >= 0)
         close(source->fd);
     *source = (mni_source){.fd = -1};
+}
+
+bool mni_source_unchanged(mni_source *source) {
+    struct stat about;
+    if (fstat(source->fd, &about) == 0 && (uint64_t)about.st_size == source->size &&
+        about.st_mtim.tv_sec == source->written.tv_sec &&
+        about.st_mtim.tv_nsec == source->written.tv_nsec)
+        return true;
+    mn_fail(source->st, MN_BAD_INPUT,
+            "%s: has changed while it was read; begin again when nobody writes to it",
+            source->name);
+    return false;
 }
 
 bool mni_source_fail(mni_source *source, const char *format, ...) {

@@ -13,6 +13,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <time.h>
 
 #include "metanode/build.h"
 
@@ -23,12 +24,13 @@ enum {
 
 typedef struct mni_source {
     int fd;
-    bool text;       /* failures name lines instead of bytes */
-    bool over;       /* the last byte of the file is in the buffer */
-    uint64_t size;   /* bytes in the file when it was opened */
-    uint64_t offset; /* in the file, of buffer[0] */
-    uint64_t line;   /* of at, from 1; kept by the text functions only */
-    char *buffer;    /* MNI_SOURCE_BUFFER_BYTES + 1 */
+    bool text;               /* failures name lines instead of bytes */
+    bool over;               /* the last byte of the file is in the buffer */
+    uint64_t size;           /* bytes in the file when it was opened */
+    struct timespec written; /* last, as of then */
+    uint64_t offset;         /* in the file, of buffer[0] */
+    uint64_t line;           /* of at, from 1; kept by the text functions only */
+    char *buffer;            /* MNI_SOURCE_BUFFER_BYTES + 1 */
     const char *at, *end;
     locale_t c_locale; /* a decimal point is a point whatever the caller's locale says */
     mn_status *st;     /* never NULL */
@@ -40,6 +42,9 @@ typedef struct mni_source {
 /* Opens a regular file. MN_BAD_INPUT says why it is not one, or the system's reason. */
 bool mni_source_open(mni_source *source, const char *path, const mn_read_desc *desc, mn_status *st);
 void mni_source_close(mni_source *source);
+/* Whether nobody has written to the file since it was opened. false (and said): what was read may
+ * be of both. */
+bool mni_source_unchanged(mni_source *source);
 /* Says "NAME: line 7: what" in the status. Always false. */
 bool mni_source_fail(mni_source *source, const char *format, ...)
     __attribute__((format(printf, 2, 3)));

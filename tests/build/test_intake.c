@@ -3,6 +3,7 @@
  * refused and then work with the number that the refusal names. */
 #include "read_help.h"
 
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -384,6 +385,33 @@ START_TEST(interruption) {
 }
 END_TEST
 
+/* Somebody writes to the file while it is read. */
+static bool touch(void *context, const char *phase, uint64_t done, uint64_t total) {
+    const struct timespec times[2] = {{.tv_nsec = UTIME_OMIT}, {.tv_sec = 7}};
+    (void)phase, (void)done, (void)total;
+    ck_assert_int_eq(utimensat(AT_FDCWD, context, times, 0), 0);
+    return true;
+}
+
+START_TEST(changed_meanwhile) {
+    char path[] = "/tmp/metanode-test-XXXXXX";
+    const int fd = mkstemp(path);
+    const mn_read_desc desc = {.progress = touch, .progress_context = path};
+    mn_mesh mesh;
+    mn_status st = {0};
+    ck_assert_int_eq(write(fd, TRIANGLE, strlen(TRIANGLE)), (ssize_t)strlen(TRIANGLE));
+    close(fd);
+    ck_assert_int_eq(mn_mesh_read(path, &desc, &mesh, &st), MN_BAD_INPUT);
+    ck_assert_ptr_nonnull(strstr(st.text, path));
+    ck_assert_ptr_nonnull(strstr(st.text, "changed while it was read"));
+    ck_assert_ptr_null(mesh.corner);
+    st = (mn_status){0};
+    ck_assert_int_eq(mn_mesh_read(path, NULL, &mesh, &st), MN_OK);
+    mn_mesh_free(&mesh);
+    unlink(path);
+}
+END_TEST
+
 /* What is written is read back: positions, colours, corners, and an origin that is not 0. */
 START_TEST(written_and_read_again) {
     static const char *const texts[] = {
@@ -441,6 +469,7 @@ int main(void) {
     TCase *files = tcase_create("files");
     tcase_add_test(files, what_is_no_file);
     tcase_add_test(files, interruption);
+    tcase_add_test(files, changed_meanwhile);
     tcase_add_test(files, written_and_read_again);
     suite_add_tcase(suite, files);
     return suite_run(suite);
