@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Goal: whenever a build is killed, there is no output or a whole one, and --resume ends with the same bytes,
 # whatever memory and threads it has; likewise when its disk fills, or its memory is too little; whenever it is interrupted, it leaves nothing.
-# Method: builds that are killed, interrupted, or robbed of their disk, at moments that a seed decides; and
-# killed right after each phase. MN_SEED replays the moments, as far as a clock can; TIMES is how many
+# Method: builds that are killed (and those that go on after it), interrupted, or robbed of their disk, at
+# moments that a seed decides; and killed right after each phase. MN_SEED replays the moments, as far as a clock can; TIMES is how many
 # kills (50).
 # e2e_kill.sh [BUILD]
 if [[ -z ${KILL_INSIDE-} ]] && unshare -rm true 2>/dev/null; then # a user may mount disks there
@@ -47,18 +47,38 @@ resumed() {
         check "$1, resumed: no more than that" test "$(ls -A "$(dirname "$2")")" = "$(basename "$2")"
 }
 
+# killed NAME ARGUMENT…: a build that is killed at some moment; what it leaves is a whole output, or what stood
+# there, and no temporary name where nothing did.
+killed() {
+    local name=$1 stood=nothing
+    if [[ -e here/out.mnt ]]; then
+        cp here/out.mnt stood.mnt && stood=stood.mnt
+    fi
+    begin build model.ply -o here/out.mnt "${@:2}"
+    sleep "$(moment)"
+    kill -KILL "$child" 2>/dev/null || true
+    await
+    if [[ $code -eq 137 && $stood == nothing && ! -e here/out.mnt ]] ||
+        { [[ $code -eq 137 && $stood != nothing ]] && cmp -s stood.mnt here/out.mnt; }; then
+        pass
+    else
+        check "$name: exit $code, a whole output" cmp whole.mnt here/out.mnt || true
+    fi
+    if [[ $stood == nothing ]]; then
+        check "$name: no temporary name" test -z "$(find here -name '.*' -type f)" || true
+    fi
+}
+
 kills() {
     local i
     for ((i = 0; i < times; i++)); do
         rm -rf here && mkdir here
-        begin build model.ply -o here/out.mnt
-        sleep "$(moment)"
-        kill -KILL "$child" 2>/dev/null || true
-        await
-        if [[ -e here/out.mnt ]]; then
-            check "kill $i: a whole output" cmp whole.mnt here/out.mnt
-        elif [[ $code -ne 137 ]]; then
-            fail "kill $i: exit $code without an output"
+        if [[ $((i % 3)) -eq 0 ]]; then
+            echo "what stood there" >here/out.mnt
+        fi
+        killed "kill $i"
+        if [[ $((i % 2)) -eq 0 ]]; then # who goes on may be killed as well
+            killed "kill $i, again" --resume
         fi
         resumed "kill $i" here/out.mnt || return 0
     done
