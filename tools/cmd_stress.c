@@ -17,6 +17,7 @@
 #include <linux/filter.h>
 #include <linux/seccomp.h>
 #include <math.h>
+#include <poll.h>
 #include <signal.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -40,6 +41,7 @@ enum {
     ALL_BLOCKS_MAX = 4096, /* of a file that is sometimes given a place holder for each */
     FAULT_PER_MILLE_MAX = 250,
     RUN_SECONDS_MAX = 600, /* then it hangs */
+    LOOK_MS = 50,          /* for an interrupt */
 };
 
 static const char help[] =
@@ -69,6 +71,7 @@ typedef struct verdict {
     uint32_t k, k_min, blocks, settle_frames;
     mn_io_kind io;
     bool faults, serial, all_blocks, uring_refused;
+    bool cut; /* by an interrupt: it says nothing, and does not count */
     uint64_t shrunk, grown;
     mn_session_stats totals;
 } verdict;
@@ -335,14 +338,19 @@ static void child(const options *asked, const mn_header *header, uint64_t seed, 
     static verdict v;
     const struct rlimit none = {0, 0};
     setrlimit(RLIMIT_CORE, &none);
+    prctl(PR_SET_PDEATHSIG, SIGKILL); /* who hears it is killed by a second interrupt */
     alarm(RUN_SECONDS_MAX);
     run_seed(asked, header, seed, &v);
     _exit(write(to, &v, sizeof v) == (ssize_t)sizeof v ? 0 : 1);
 }
 
-/* An interrupt is for the loop over runs: the child comes to its end. */
+/* Until the child has spoken, or has gone; or we are interrupted. */
 static bool hear(int from, verdict *v) {
+    struct pollfd ready = {.fd = from, .events = POLLIN};
     ssize_t got;
+    while (poll(&ready, 1, LOOK_MS) <= 0)
+        if (cli_interrupted() != 0)
+            return false;
     while ((got = read(from, v, sizeof *v)) < 0 && errno == EINTR)
         continue;
     return got == (ssize_t)sizeof *v;
@@ -364,11 +372,14 @@ static bool run_apart(const options *asked, const mn_header *header, uint64_t se
     close(ends[1]);
     bool told = pid > 0 && hear(ends[0], v);
     close(ends[0]);
+    v->cut = pid > 0 && !told && cli_interrupted() != 0;
+    if (v->cut)
+        kill(pid, SIGKILL);
     if (pid < 0)
         return mn_fail(st, MN_FAILED, "stress: no process: %s", strerror(errno)) == MN_OK;
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
         continue;
-    if (!told || status != 0) {
+    if (!v->cut && (!told || status != 0)) {
         const int by = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
         snprintf(v->wrong, sizeof v->wrong,
                  by == SIGALRM   ? "it hangs"
@@ -418,6 +429,10 @@ static void add(sums *s, const verdict *v, uint64_t frames) {
 }
 
 static void print_words(const options *o, const sums *s) {
+    if (s->runs == 0) {
+        printf("%s: interrupted before the first run was over\n", o->path);
+        return;
+    }
     printf("%s: %llu runs, %llu frames, seeds %llu … %llu, %.1f s\n", o->path,
            (unsigned long long)s->runs, (unsigned long long)s->frames, (unsigned long long)o->seed,
            (unsigned long long)(o->seed + s->runs - 1), s->seconds);
@@ -511,7 +526,7 @@ static int go(const options *o) {
     bool more = true, good = true;
     for (; more && good && v.wrong[0] == 0; seed++) {
         good = run_apart(o, header, seed, &v, &st);
-        if (good && v.wrong[0] == 0)
+        if (good && v.wrong[0] == 0 && !v.cut)
             add(&s, &v, o->frames);
         s.seconds = cli_seconds(CLOCK_MONOTONIC) - begun_s;
         more = o->runs > 0 ? s.runs < o->runs : s.seconds < (double)o->seconds;
