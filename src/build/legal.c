@@ -27,7 +27,7 @@ static double dot(const double *a, const double *b) {
 }
 
 mn_code mni_judge_room(mni_judge *j, uint32_t vertices, uint32_t triangles, mn_status *st) {
-    *j = (mni_judge){.ring_room = RING_ROOM, .wheel_of = MN_NONE};
+    *j = (mni_judge){.ring_room = RING_ROOM, .wheel_of = MN_NONE, .kept_of = MN_NONE};
     const size_t normals_bytes = (size_t)triangles * 3 * sizeof *j->normal;
     j->normal = mni_mem_take(normals_bytes, normals_bytes);
     j->seen = mni_mem_take_zeroed(vertices * sizeof *j->seen);
@@ -319,7 +319,7 @@ static bool singular_vertex(mni_judge *j) {
 /* Where r is regular: k has no neighbour in the ring but the two apexes, and these two and k are no
  * triangle's corners already (what a ring of three can come to). */
 static bool round_link(mni_judge *j, mni_surface *s, uint32_t k) {
-    mni_wheel of_k;
+    const mni_wheel *of_k = &j->kept;
     uint32_t n = j->ring_count;
     for (uint32_t i = 0; i < n; i++) {
         __builtin_prefetch(&j->normal[3 * (size_t)j->wheel.simplex[i]]);
@@ -327,11 +327,12 @@ static bool round_link(mni_judge *j, mni_surface *s, uint32_t k) {
     }
     if (n == 3)
         return !triangle_holds(j, s, j->around[1], j->around[2], k);
-    bool short_k = mni_surface_wheel(s, k, &of_k);
+    bool short_k = j->kept_of == k || mni_surface_wheel(s, k, &j->kept);
+    j->kept_of = short_k ? k : MN_NONE;
     for (uint32_t i = 2; i < n - 1; i++) {
         uint32_t v = j->around[i];
-        if (short_k ? mni_wheel_find(of_k.next, of_k.count, v) != MNI_WHEEL_MAX ||
-                          mni_wheel_find(of_k.previous, of_k.count, v) != MNI_WHEEL_MAX
+        if (short_k ? mni_wheel_find(of_k->next, of_k->count, v) != MNI_WHEEL_MAX ||
+                          mni_wheel_find(of_k->previous, of_k->count, v) != MNI_WHEEL_MAX
                     : mni_surface_joined(s, v, k))
             return false;
     }

@@ -45,6 +45,8 @@ typedef struct mni_judge {
     bool round;        /* triangles once round, k first: wheel, spoke, and no ring[] */
     mni_wheel wheel;   /* of the vertex looked at last that has one */
     uint32_t wheel_of; /* which it is; MN_NONE: none, or the surface has changed since */
+    mni_wheel kept;    /* and of who was asked about last as the one that stays, likewise */
+    uint32_t kept_of;
     uint32_t spoke[MNI_WHEEL_MAX]; /* in the wheel, the triangle between around[i] and the next */
     mni_ring_vertex *ring;
     uint64_t *seen; /* a vertex: epoch << 32 | index in ring */
@@ -65,7 +67,7 @@ void mni_judge_close(mni_judge *judge);
 bool mni_judge_wheel(mni_judge *judge, mni_surface *surface, uint32_t v);
 /* Whoever collapses something says so. */
 static inline void mni_judge_forget(mni_judge *judge) {
-    judge->wheel_of = MN_NONE;
+    judge->wheel_of = judge->kept_of = MN_NONE;
 }
 /* Fills judge->around and judge->ring with the neighbours of v. */
 void mni_judge_ring(mni_judge *judge, mni_surface *surface, uint32_t v);

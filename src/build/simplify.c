@@ -421,8 +421,15 @@ static bool allowed(mni_simplifier *s, uint32_t r, uint32_t k) {
  */
 static mni_heap_key measured_key(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key) {
     const mni_vertex *vr = &s->surface.vertex[r], *vk = &s->surface.vertex[k];
-    double error = (double)mni_witness_try(&s->witness, &s->surface, s->judge.around,
-                                           s->judge.ring_count, r, k);
+    const mni_judge *j = &s->judge;
+    const bool wheels = j->wheel_of == r && j->kept_of == k;
+    const mni_about about = {.r = r,
+                             .k = k,
+                             .ring = j->around,
+                             .ring_count = j->ring_count,
+                             .of_r = wheels ? &j->wheel : NULL,
+                             .of_k = wheels ? &j->kept : NULL};
+    double error = (double)mni_witness_try(&s->witness, &s->surface, &about);
     float cost = (float)(MEASURED_SHARE * error * error * mni_collapse_weight(vr, vk));
     return cost > mni_heap_key_cost(key) ? mni_heap_key_make(cost, k) : key;
 }

@@ -7,17 +7,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* (k, a, b) as the edges from k, and what projecting on them needs. */
-struct mni_star_triangle {
-    float a[3], b[3], ab[3];
-    float aa, bb, a_dot_b;
-    float aa_inverse, ab_inverse; /* of squared lengths; 0: an edge without length */
-    float area_inverse;           /* 1 / (aa·bb − (a·b)²); 0: a triangle without area */
+/* Triangles (k, a, b), side by side. */
+enum { SIDE = 8 };
+struct mni_star_triangles {
+    float a[3][SIDE], b[3][SIDE]; /* places; prepared: from k */
+    /* Prepared: what projecting on their edges needs. */
+    float ab[3][SIDE];
+    float aa[SIDE], bb[SIDE], a_dot_b[SIDE];
+    float aa_inverse[SIDE], ab_inverse[SIDE]; /* of squared lengths; 0: an edge without length */
+    float area_inverse[SIDE]; /* 1 / (aa·bb − (a·b)²); 0: a triangle without area */
 };
 
 /* Ends are counted as hashes: a fan whose ends differ passes for closed with a chance of 2^-32, and
  * then a distance to one edge is too large, never too small. */
 #define SCATTER 0x9e3779b1u
+
+enum { LANES_MAX = 16 }; /* a register of AVX-512 */
+_Static_assert(MNI_POINTS % LANES_MAX == 0, "whole registers of points");
 
 enum { SPOKE_FAN_MAX = 256 }; /* a neighbour with more simplices is passed over */
 
@@ -30,98 +36,127 @@ static inline float square(float x, float y, float z) {
     return x * x + y * y + z * z;
 }
 
+static inline float inverse(float x) {
+    return x > FLT_MIN ? 1 / x : 0;
+}
+
+static inline __attribute__((always_inline)) void prepare(mni_star_triangles *t, uint32_t count,
+                                                          const float k[3]) {
+    const float at_k[3] = {k[0], k[1], k[2]}; /* whatever is written to */
+    for (; count > 0; count -= count < SIDE ? count : SIDE, t++) {
+        for (int i = 0; i < 3; i++)
+            for (int l = 0; l < SIDE; l++) {
+                t->ab[i][l] = t->b[i][l] - t->a[i][l];
+                t->a[i][l] -= at_k[i];
+                t->b[i][l] -= at_k[i];
+            }
+        for (int l = 0; l < SIDE; l++) {
+            float aa = t->a[0][l] * t->a[0][l] + t->a[1][l] * t->a[1][l] + t->a[2][l] * t->a[2][l];
+            float bb = t->b[0][l] * t->b[0][l] + t->b[1][l] * t->b[1][l] + t->b[2][l] * t->b[2][l];
+            float ab = t->a[0][l] * t->b[0][l] + t->a[1][l] * t->b[1][l] + t->a[2][l] * t->b[2][l];
+            float side = square(t->ab[0][l], t->ab[1][l], t->ab[2][l]);
+            float area = aa * bb - ab * ab;
+            t->aa[l] = aa;
+            t->bb[l] = bb;
+            t->a_dot_b[l] = ab;
+            t->aa_inverse[l] = inverse(aa);
+            t->ab_inverse[l] = inverse(side);
+            t->area_inverse[l] = area > 1e-10f * aa * bb ? 1 / area : 0;
+        }
+    }
+}
+
 /* To the plane where a point lies above the triangle, otherwise to the nearest edge. Remainders are
  * formed before they are squared: the other way round loses half of the digits. Loops over lanes
  * are written for the compiler to make vectors of; on_a and on_ab are kept in between, or it takes
  * apart all that is made of them into cases. */
-static inline __attribute__((always_inline)) void measure(const mni_star_triangle *triangle,
-                                                          uint32_t count, mni_points *points) {
-    for (uint32_t at = 0; at < points->count; at += MNI_LANES) {
+static inline __attribute__((always_inline)) void
+measure(const mni_star_triangles *triangles, uint32_t count, mni_points *points, const int lanes) {
+    for (uint32_t at = 0; at < points->count; at += (uint32_t)lanes) {
         const float *x = &points->x[at], *y = &points->y[at], *z = &points->z[at];
-        float least[MNI_LANES], on_a[MNI_LANES], on_ab[MNI_LANES];
-        for (int l = 0; l < MNI_LANES; l++)
+        float least[LANES_MAX], on_a[LANES_MAX], on_ab[LANES_MAX];
+        for (int l = 0; l < lanes; l++)
             least[l] = INFINITY;
-        for (const mni_star_triangle *t = triangle; t < triangle + count; t++) {
-            for (int l = 0; l < MNI_LANES; l++) {
-                float pa = x[l] * t->a[0] + y[l] * t->a[1] + z[l] * t->a[2];
-                float qx = x[l] - t->a[0], qy = y[l] - t->a[1], qz = z[l] - t->a[2];
-                float q_ab = qx * t->ab[0] + qy * t->ab[1] + qz * t->ab[2];
-                on_a[l] = clamp01(pa * t->aa_inverse);
-                on_ab[l] = clamp01(q_ab * t->ab_inverse);
+        for (uint32_t n = 0; n < count; n++) {
+            const mni_star_triangles *t = &triangles[n / SIDE];
+            const uint32_t i = n % SIDE;
+            for (int l = 0; l < lanes; l++) {
+                float pa = x[l] * t->a[0][i] + y[l] * t->a[1][i] + z[l] * t->a[2][i];
+                float qx = x[l] - t->a[0][i], qy = y[l] - t->a[1][i], qz = z[l] - t->a[2][i];
+                float q_ab = qx * t->ab[0][i] + qy * t->ab[1][i] + qz * t->ab[2][i];
+                on_a[l] = clamp01(pa * t->aa_inverse[i]);
+                on_ab[l] = clamp01(q_ab * t->ab_inverse[i]);
             }
-            for (int l = 0; l < MNI_LANES; l++) {
-                float pa = x[l] * t->a[0] + y[l] * t->a[1] + z[l] * t->a[2];
-                float pb = x[l] * t->b[0] + y[l] * t->b[1] + z[l] * t->b[2];
-                float u = (t->bb * pa - t->a_dot_b * pb) * t->area_inverse;
-                float v = (t->aa * pb - t->a_dot_b * pa) * t->area_inverse;
-                bool above = (u >= 0) & (v >= 0) & (u + v <= 1) & (t->area_inverse > 0);
-                float plane =
-                    square(x[l] - u * t->a[0] - v * t->b[0], y[l] - u * t->a[1] - v * t->b[1],
-                           z[l] - u * t->a[2] - v * t->b[2]);
-                float edge_a = square(x[l] - on_a[l] * t->a[0], y[l] - on_a[l] * t->a[1],
-                                      z[l] - on_a[l] * t->a[2]);
-                float edge_ab = square(x[l] - t->a[0] - on_ab[l] * t->ab[0],
-                                       y[l] - t->a[1] - on_ab[l] * t->ab[1],
-                                       z[l] - t->a[2] - on_ab[l] * t->ab[2]);
+            for (int l = 0; l < lanes; l++) {
+                float pa = x[l] * t->a[0][i] + y[l] * t->a[1][i] + z[l] * t->a[2][i];
+                float pb = x[l] * t->b[0][i] + y[l] * t->b[1][i] + z[l] * t->b[2][i];
+                float u = (t->bb[i] * pa - t->a_dot_b[i] * pb) * t->area_inverse[i];
+                float v = (t->aa[i] * pb - t->a_dot_b[i] * pa) * t->area_inverse[i];
+                bool above = (u >= 0) & (v >= 0) & (u + v <= 1) & (t->area_inverse[i] > 0);
+                float plane = square(x[l] - u * t->a[0][i] - v * t->b[0][i],
+                                     y[l] - u * t->a[1][i] - v * t->b[1][i],
+                                     z[l] - u * t->a[2][i] - v * t->b[2][i]);
+                float edge_a = square(x[l] - on_a[l] * t->a[0][i], y[l] - on_a[l] * t->a[1][i],
+                                      z[l] - on_a[l] * t->a[2][i]);
+                float edge_ab = square(x[l] - t->a[0][i] - on_ab[l] * t->ab[0][i],
+                                       y[l] - t->a[1][i] - on_ab[l] * t->ab[1][i],
+                                       z[l] - t->a[2][i] - on_ab[l] * t->ab[2][i]);
                 float edge = edge_a < edge_ab ? edge_a : edge_ab;
                 float distance2 = above ? plane : edge;
                 least[l] = least[l] < distance2 ? least[l] : distance2;
             }
         }
-        for (int l = 0; l < MNI_LANES; l++)
-            points->distance[at + l] = sqrtf(least[l]);
+        for (int l = 0; l < lanes; l++)
+            points->distance[at + (uint32_t)l] = sqrtf(least[l]);
     }
 }
 
-static void measure_narrow(const mni_star_triangle *triangle, uint32_t count, mni_points *points) {
-    measure(triangle, count, points);
+static void prepare_narrow(mni_star_triangles *t, uint32_t count, const float k[3]) {
+    prepare(t, count, k);
+}
+
+static void measure_narrow(const mni_star_triangles *t, uint32_t count, mni_points *points) {
+    measure(t, count, points, MNI_LANES);
 }
 
 #ifdef __x86_64__
-__attribute__((target("avx2"))) static void measure_wide(const mni_star_triangle *triangle,
-                                                         uint32_t count, mni_points *points) {
-    measure(triangle, count, points);
+#define WIDE __attribute__((target("avx2")))
+#define WIDEST __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,prefer-vector-width=512")))
+
+WIDE static void prepare_wide(mni_star_triangles *t, uint32_t count, const float k[3]) {
+    prepare(t, count, k);
+}
+
+WIDE static void measure_wide(const mni_star_triangles *t, uint32_t count, mni_points *points) {
+    measure(t, count, points, MNI_LANES);
+}
+
+WIDEST static void measure_widest(const mni_star_triangles *t, uint32_t count, mni_points *points) {
+    measure(t, count, points, LANES_MAX);
 }
 #endif
 
 void mni_star_open(mni_star *star) {
-    *star = (mni_star){.measure = measure_narrow};
+    *star = (mni_star){.prepare = prepare_narrow, .measure = measure_narrow};
 #ifdef __x86_64__
-    if (__builtin_cpu_supports("avx2"))
+    if (__builtin_cpu_supports("avx2")) {
+        star->prepare = prepare_wide;
         star->measure = measure_wide;
+    }
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+        __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq"))
+        star->measure = measure_widest;
 #endif
 }
 
 void mni_star_narrow(mni_star *star) {
+    star->prepare = prepare_narrow;
     star->measure = measure_narrow;
 }
 
 void mni_star_close(mni_star *star) {
-    free(star->triangle);
+    free(star->triangles);
     memset(star, 0, sizeof *star);
-}
-
-static inline float dot3(const float *a, const float *b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static inline float inverse(float x) {
-    return x > FLT_MIN ? 1 / x : 0;
-}
-
-static void prepare(mni_star_triangle *t, const float *k, const float *a, const float *b) {
-    for (int i = 0; i < 3; i++) {
-        t->a[i] = a[i] - k[i];
-        t->b[i] = b[i] - k[i];
-        t->ab[i] = b[i] - a[i];
-    }
-    t->aa = dot3(t->a, t->a);
-    t->bb = dot3(t->b, t->b);
-    t->a_dot_b = dot3(t->a, t->b);
-    float area = t->aa * t->bb - t->a_dot_b * t->a_dot_b;
-    t->aa_inverse = inverse(t->aa);
-    t->ab_inverse = inverse(dot3(t->ab, t->ab));
-    t->area_inverse = area > 1e-10f * t->aa * t->bb ? 1 / area : 0;
 }
 
 static uint32_t scatter(uint32_t v) {
@@ -132,19 +167,32 @@ static bool make_room(mni_star *star, uint32_t triangles) {
     star->count = 0;
     if (triangles <= star->room)
         return true;
-    free(star->triangle);
-    star->triangle = malloc(2 * (size_t)triangles * sizeof *star->triangle);
-    star->room = star->triangle != NULL ? 2 * triangles : 0;
-    return star->triangle != NULL;
+    free(star->triangles);
+    uint32_t rows = (2 * triangles + SIDE - 1) / SIDE;
+    star->triangles = malloc((size_t)rows * sizeof *star->triangles);
+    star->room = star->triangles != NULL ? rows * SIDE : 0;
+    return star->triangles != NULL;
 }
 
 /* A triangle's distance looks at its edges k–a and a–b. In a closed, oriented fan its k–b is the
  * next one's k–a; in others every k–b is added as a triangle without area. What add() returns sums
  * up to 0 over a closed fan. */
-static uint32_t add(mni_star *star, const mni_vertex *vertex, uint32_t k, uint32_t next,
-                    uint32_t previous) {
-    prepare(&star->triangle[star->count++], vertex[k].p, vertex[next].p, vertex[previous].p);
+static uint32_t add(mni_star *star, const mni_vertex *vertex, uint32_t next, uint32_t previous) {
+    uint32_t n = star->count++;
+    mni_star_triangles *t = &star->triangles[n / SIDE];
+    for (int i = 0; i < 3; i++) {
+        if (n % SIDE == 0)
+            for (int l = 1; l < SIDE; l++) /* or there might be anything */
+                t->a[i][l] = t->b[i][l] = 0;
+        t->a[i][n % SIDE] = vertex[next].p[i];
+        t->b[i][n % SIDE] = vertex[previous].p[i];
+    }
     return scatter(next) - scatter(previous);
+}
+
+/* Once all have been added: k is where they meet. */
+static void end(mni_star *star, const mni_vertex *k) {
+    star->prepare(star->triangles, star->count, k->p);
 }
 
 static bool take_slow(mni_star *star, mni_surface *s, uint32_t k) {
@@ -158,10 +206,11 @@ static bool take_slow(mni_star *star, mni_surface *s, uint32_t k) {
             if (s->simplex[fan[i]].v[2] == MN_NONE)
                 continue;
             if (pass == 0)
-                unpaired += add(star, s->vertex, k, c.next, c.previous);
+                unpaired += add(star, s->vertex, c.next, c.previous);
             else
-                add(star, s->vertex, k, c.previous, c.previous);
+                add(star, s->vertex, c.previous, c.previous);
         }
+    end(star, &s->vertex[k]);
     return true;
 }
 
@@ -173,9 +222,10 @@ bool mni_star_take(mni_star *star, mni_surface *s, uint32_t k) {
     if (!make_room(star, 2 * MNI_WHEEL_MAX))
         return false;
     for (uint32_t i = 0; i < wheel.count; i++)
-        unpaired += add(star, s->vertex, k, wheel.next[i], wheel.previous[i]);
+        unpaired += add(star, s->vertex, wheel.next[i], wheel.previous[i]);
     for (uint32_t i = 0; i < wheel.count && unpaired != 0; i++)
-        add(star, s->vertex, k, wheel.previous[i], wheel.previous[i]);
+        add(star, s->vertex, wheel.previous[i], wheel.previous[i]);
+    end(star, &s->vertex[k]);
     return true;
 }
 
@@ -195,10 +245,33 @@ bool mni_star_take_of_both(mni_star *star, mni_surface *s, uint32_t r, uint32_t 
                 if (x->v[2] == MN_NONE || c.next == ends[1 - e] || c.previous == ends[1 - e])
                     continue;
                 if (pass == 0)
-                    unpaired += add(star, s->vertex, k, c.next, c.previous);
+                    unpaired += add(star, s->vertex, c.next, c.previous);
                 else
-                    add(star, s->vertex, k, c.previous, c.previous);
+                    add(star, s->vertex, c.previous, c.previous);
             }
+    end(star, &s->vertex[k]);
+    return true;
+}
+
+bool mni_star_take_of_wheels(mni_star *star, const mni_surface *s, const mni_wheel *of_r,
+                             const mni_wheel *of_k, uint32_t r, uint32_t k) {
+    const mni_wheel *wheel[2] = {of_k, of_r};
+    const uint32_t other[2] = {r, k};
+    uint32_t unpaired = 0;
+    if (!make_room(star, 4 * MNI_WHEEL_MAX))
+        return false;
+    for (int pass = 0; pass == 0 || (pass == 1 && unpaired != 0); pass++)
+        for (int e = 0; e < 2; e++)
+            for (uint32_t i = 0; i < wheel[e]->count; i++) {
+                uint32_t next = wheel[e]->next[i], previous = wheel[e]->previous[i];
+                if ((next == other[e]) | (previous == other[e]))
+                    continue;
+                if (pass == 0)
+                    unpaired += add(star, s->vertex, next, previous);
+                else
+                    add(star, s->vertex, previous, previous);
+            }
+    end(star, &s->vertex[k]);
     return true;
 }
 
@@ -215,21 +288,22 @@ bool mni_star_take_spoke(mni_star *star, mni_surface *s, uint32_t k, uint32_t n,
         if (x->v[2] == MN_NONE || (x->v[0] != k && x->v[1] != k && x->v[2] != k))
             continue;
         mni_corner c = mni_simplex_corner(x, k);
-        add(star, s->vertex, k, c.next, c.previous);
-        add(star, s->vertex, k, c.previous, c.previous); /* this is no closed fan */
+        add(star, s->vertex, c.next, c.previous);
+        add(star, s->vertex, c.previous, c.previous); /* this is no closed fan */
         if (found < 2)
             ends[found] = c.next == n ? c.previous : c.next;
         found++;
     }
+    end(star, &s->vertex[k]);
     return true;
 }
 
 void mni_star_measure(const mni_star *star, mni_points *points) {
     uint32_t n = points->count;
     if (star->count > 0) {
-        for (uint32_t i = n; i % MNI_LANES != 0; i++)
+        for (uint32_t i = n; i % LANES_MAX != 0; i++)
             points->x[i] = points->y[i] = points->z[i] = 0;
-        star->measure(star->triangle, star->count, points);
+        star->measure(star->triangles, star->count, points);
         return;
     }
     for (uint32_t i = 0; i < n; i++)

@@ -20,12 +20,13 @@ typedef struct mni_points {
     uint32_t count;
 } mni_points;
 
-typedef struct mni_star_triangle mni_star_triangle;
+typedef struct mni_star_triangles mni_star_triangles;
 
 typedef struct mni_star {
-    mni_star_triangle *triangle;
+    mni_star_triangles *triangles;
     uint32_t count, room;
-    void (*measure)(const mni_star_triangle *triangle, uint32_t count, mni_points *points);
+    void (*prepare)(mni_star_triangles *triangles, uint32_t count, const float k[3]);
+    void (*measure)(const mni_star_triangles *triangles, uint32_t count, mni_points *points);
 } mni_star;
 
 void mni_star_open(mni_star *star);
@@ -36,6 +37,9 @@ void mni_star_narrow(mni_star *star);
 bool mni_star_take(mni_star *star, mni_surface *surface, uint32_t k);
 /* The same as k's will be when r has collapsed into it; both have triangles at other vertices. */
 bool mni_star_take_of_both(mni_star *star, mni_surface *surface, uint32_t r, uint32_t k);
+/* The same, of wheels of both that are known. */
+bool mni_star_take_of_wheels(mni_star *star, const mni_surface *surface, const mni_wheel *of_r,
+                             const mni_wheel *of_k, uint32_t r, uint32_t k);
 /* k's triangles at its neighbour n alone; ends: their other corners, MN_NONE behind the last. */
 bool mni_star_take_spoke(mni_star *star, mni_surface *surface, uint32_t k, uint32_t n,
                          uint32_t ends[2]);

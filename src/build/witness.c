@@ -287,15 +287,17 @@ static float largest_of_witnesses(const mni_bench *b) {
     return largest;
 }
 
-float mni_witness_try(mni_witness_book *book, mni_surface *s, const uint32_t *ring,
-                      uint32_t ring_count, uint32_t r, uint32_t k) {
+float mni_witness_try(mni_witness_book *book, mni_surface *s, const mni_about *a) {
     mni_bench *b = book->bench;
+    const uint32_t r = a->r, k = a->k;
     book->tried_r = book->tried_k = MN_NONE;
-    if (!mni_star_take_of_both(&b->star, s, r, k)) {
+    bool taken = a->of_r != NULL ? mni_star_take_of_wheels(&b->star, s, a->of_r, a->of_k, r, k)
+                                 : mni_star_take_of_both(&b->star, s, r, k);
+    if (!taken) {
         book->no_memory = true;
         return 0;
     }
-    b->next = measure_points(book, s->vertex, ring, ring_count, r, k);
+    b->next = measure_points(book, s->vertex, a->ring, a->ring_count, r, k);
     float largest = largest_of_witnesses(b);
     for (uint32_t i = b->witnesses; i < b->witness.count; i++)
         largest = max_of(largest, b->witness.distance[i]);

@@ -54,11 +54,18 @@ mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t set
                          mn_status *st);
 void mni_witness_fill(mni_witness_book *book, const mni_surface *surface);
 void mni_witness_close(mni_witness_book *book);
+/* What is known of r and k before one goes: r's ring; their wheels, or NULL for both. */
+typedef struct mni_about {
+    uint32_t r, k;
+    const uint32_t *ring;
+    uint32_t ring_count;
+    const mni_wheel *of_r, *of_k;
+} mni_about;
+
 /* How far the surface beneath both would be from k's star if r collapsed into it: a lower bound of
  * the switch value that mni_witness_collapse would find. Changes nothing. A collapse that follows
  * at once does not measure again. */
-float mni_witness_try(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,
-                      uint32_t ring_count, uint32_t r, uint32_t k);
+float mni_witness_try(mni_witness_book *book, mni_surface *surface, const mni_about *about);
 /* r has just collapsed into k on the surface; ring: r's as it was before. Sets k's value to the new
  * node's switch value and raises those of the nodes around it. */
 void mni_witness_collapse(mni_witness_book *book, mni_surface *surface, const uint32_t *ring,
