@@ -122,17 +122,19 @@ static void collapse_agenda(mni_navigator *nav, uint32_t *tests) {
     uint32_t fork[MNI_SIEVE_BATCH];
     int count = 0;
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t word = 0; 64 * word < front->slots_high; word++)
-        for (uint64_t bits = front->forks[word]; bits != 0; bits &= bits - 1) {
-            uint32_t at = 64 * word + (uint32_t)__builtin_ctzll(bits);
-            fork[count] = at;
-            __builtin_prefetch(&front->branch[at]);
-            count += nav->fork_due[at] <= nav->clock;
-            if (count < MNI_SIEVE_BATCH)
+    for (uint32_t first = 0; first < front->slots_high; first += MNI_SIEVE_BATCH) {
+        uint64_t bits = front->forks[first / 64];
+        if (bits != 0)
+            bits &= mni_sieve_late(&nav->fork_due[first], nav->clock);
+        for (; bits != 0; bits &= bits - 1) {
+            fork[count] = first + (uint32_t)__builtin_ctzll(bits);
+            __builtin_prefetch(&front->branch[fork[count]]);
+            if (++count < MNI_SIEVE_BATCH)
                 continue;
             judge_forks(nav, fork, count);
             count = 0;
         }
+    }
     judge_forks(nav, fork, count);
     *tests = nav->agenda.heap;
     (nav->crowded ? mni_agenda_begin_queue : mni_agenda_begin)(&nav->agenda);
@@ -199,8 +201,7 @@ static uint32_t test_forks(mni_navigator *nav, uint32_t *fork, uint32_t count) {
 static void collapse(mni_navigator *nav, uint32_t fork) {
     mni_front *front = &nav->front;
     const mni_front_branch *b = &front->branch[fork];
-    uint32_t parent = b->parent, left = b->slot, right = b->child[1];
-    uint32_t triangles = front->triangles;
+    uint32_t parent = b->parent, left = b->slot, right = b->child[1], triangles = front->triangles;
     mni_outcome outcome = mni_front_collapse(front, fork);
     nav->work.triangles_removed += triangles - front->triangles;
     mni_store_attempt_over(front->store);
@@ -442,9 +443,8 @@ static void keep_chain(mni_navigator *nav, uint32_t count, uint32_t triangles) {
     nav->work.splits += count;
     nav->work.triangles_made += front->triangles - triangles;
     for (uint32_t i = 0; i < count; i++) {
-        uint32_t branch = nav->chain[i];
-        nav->chain[parents] = branch;
-        parents += keep_split(nav, branch);
+        nav->chain[parents] = nav->chain[i];
+        parents += keep_split(nav, nav->chain[i]);
     }
     for (uint32_t i = 0; i < parents; i++)
         for (int side = 0; side < 2; side++) {

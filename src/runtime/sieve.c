@@ -292,6 +292,7 @@ static inline __attribute__((always_inline)) void judge_all(const mni_sieve *s,
 }
 
 #if defined(__x86_64__)
+#include <immintrin.h>
 __attribute__((target("avx2"))) static void judge_avx2(const mni_sieve *s, const mni_sieve_batch *b,
                                                        uint8_t verdict[MNI_SIEVE_BATCH],
                                                        float margin[MNI_SIEVE_BATCH]) {
@@ -313,7 +314,24 @@ WIDE static void judge_avx512(const mni_sieve *s, const mni_sieve_batch *b,
 }
 #endif
 
+#if defined(__x86_64__)
+__attribute__((target("avx2"))) static uint64_t late_avx2(const float *due, float clock) {
+    const __m256 now = _mm256_set1_ps(clock);
+    uint64_t bits = 0;
+#pragma GCC unroll 8
+    for (int i = 0; i < MNI_SIEVE_BATCH; i += 8) {
+        const __m256 late = _mm256_cmp_ps(_mm256_loadu_ps(due + i), now, _CMP_LE_OQ);
+        bits |= (uint64_t)(uint32_t)_mm256_movemask_ps(late) << i;
+    }
+    return bits;
+}
+#endif
+
 uint64_t mni_sieve_late(const float due[MNI_SIEVE_BATCH], float clock) {
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx2"))
+        return late_avx2(due, clock);
+#endif
     uint8_t late[MNI_SIEVE_BATCH];
     uint64_t bits = 0;
     for (int i = 0; i < MNI_SIEVE_BATCH; i++)

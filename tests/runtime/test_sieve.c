@@ -171,6 +171,25 @@ START_TEST(limits) {
 }
 END_TEST
 
+/* Clocks before, at and after the reading, and of nobody. */
+START_TEST(late_is_not_above) {
+    for (int round = 0; round < 1000; round++) {
+        float due[MNI_SIEVE_BATCH], clock = (float)uniform(0, 10);
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+            const double what = uniform(0, 1);
+            due[i] = what < 0.2   ? clock
+                     : what < 0.3 ? INFINITY
+                     : what < 0.4 ? -1
+                     : what < 0.5 ? nextafterf(clock, INFINITY)
+                                  : (float)uniform(0, 10);
+        }
+        const uint64_t late = mni_sieve_late(due, clock);
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++)
+            ck_assert_uint_eq(late >> i & 1, due[i] <= clock);
+    }
+}
+END_TEST
+
 /* The camera a little further on, by any of its parts. */
 static mn_camera moved(mn_camera camera, double size) {
     double step = size * pow(10, uniform(-4, -0.5));
@@ -232,6 +251,7 @@ int main(void) {
     tcase_add_loop_test(tc, never_wrong, 0, 4);
     tcase_add_loop_test(tc, margins_hold, 0, 2);
     tcase_add_test(tc, limits);
+    tcase_add_test(tc, late_is_not_above);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }
