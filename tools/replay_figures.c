@@ -59,6 +59,7 @@ static uint32_t max_of(uint32_t a, uint32_t b) {
 void figures_frame(replay_figures *f, const mn_frame_stats *frame) {
     f->frames++;
     f->adapt += frame->adapt;
+    f->splits_undone += frame->splits_undone;
     f->misses += frame->misses;
     f->refused_front += frame->refused_front;
     f->refused_budget += frame->refused_budget;
@@ -166,6 +167,7 @@ static void json_frames(json *j, const replay_figures *f) {
     json_u64(j, "refused_budget", f->refused_budget);
     json_u64(j, "refused_pool", f->refused_pool);
     json_u64(j, "waits_dependency", f->waits_dependency);
+    json_u64(j, "splits_undone", f->splits_undone);
     if (f->settled) {
         json_u64(j, "settle_frames", f->settle_frames);
         json_bool(j, "back_at_roots", f->back_at_roots);

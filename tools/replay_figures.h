@@ -22,6 +22,7 @@ double spread_quantile(const spread *s, double q); /* 0 when empty */
 
 typedef struct replay_figures {
     uint64_t frames, adapt, misses, refused_front, refused_budget, refused_pool, waits_dependency;
+    uint64_t splits_undone;
     uint64_t triangles, triangles_max, active_nodes_max;
     double miss_rate, tolerance_px, front_over_wanted; /* sums over frames */
     spread nav_ms, nav_cpu_ms, error_px, error_inside_px;

@@ -136,6 +136,7 @@ typedef struct mn_plan {
 typedef struct mn_frame_stats {
     uint32_t frame;
     uint64_t splits, collapses, adapt;
+    uint64_t splits_undone; /* besides: of chains that could not be carried out */
     uint64_t triangles_made, triangles_removed; /* by splits, by collapses */
     uint64_t misses, refused_front, refused_budget, refused_pool, waits_dependency;
     uint64_t active_nodes, triangles;
@@ -156,7 +157,7 @@ typedef struct mn_frame_stats {
 /* Totals since open; the keys of replay --json that are not a summary over frames. */
 typedef struct mn_session_stats {
     uint64_t frames, misses, adapt, refused_front, refused_budget, refused_pool, waits_dependency;
-    uint64_t triangles_made, triangles_removed;
+    uint64_t triangles_made, triangles_removed, splits_undone;
     uint64_t active_nodes; /* summed over the frames */
     uint64_t commands, commands_loaded, commands_resident, commands_given_up, commands_failed;
     uint64_t reads, read_bytes, second_chances, prefetches, prefetches_given_up;

@@ -313,6 +313,7 @@ static bool navigate_once(mn_session *s, const mn_camera *camera, mn_frame_stats
     stats->splits += work->splits;
     stats->collapses += work->collapses;
     stats->adapt += work->splits + work->collapses;
+    stats->splits_undone += work->undone;
     stats->triangles_made += work->triangles_made;
     stats->triangles_removed += work->triangles_removed;
     stats->misses += work->misses;
@@ -376,6 +377,7 @@ static void count_frame(mn_session *s, const mn_frame_stats *frame) {
     s->total.frames++;
     s->total.misses += frame->misses;
     s->total.adapt += frame->adapt;
+    s->total.splits_undone += frame->splits_undone;
     s->total.triangles_made += frame->triangles_made;
     s->total.triangles_removed += frame->triangles_removed;
     s->total.active_nodes += s->nav.front.active;
@@ -479,6 +481,7 @@ void mn_session_stats_get(const mn_session *s, mn_session_stats *out) {
     out->frames = s->total.frames;
     out->misses = s->total.misses;
     out->adapt = s->total.adapt;
+    out->splits_undone = s->total.splits_undone;
     out->triangles_made = s->total.triangles_made;
     out->triangles_removed = s->total.triangles_removed;
     out->active_nodes = s->total.active_nodes;

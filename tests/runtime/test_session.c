@@ -119,7 +119,7 @@ START_TEST(figures) {
         mn_session *s = model_open(&desc);
         mn_session_stats total;
         mn_plan plan;
-        uint64_t adapt = 0, refused = 0, waits = 0;
+        uint64_t adapt = 0, refused = 0, waits = 0, undone = 0;
         for (int i = 0; i < 60; i++) {
             mn_camera camera = model_camera(&m, i / 60.0, 2);
             mn_frame_stats f;
@@ -130,6 +130,7 @@ START_TEST(figures) {
             adapt += f.adapt;
             refused += f.refused_budget;
             waits += f.waits_dependency;
+            undone += f.splits_undone;
             hash[run] = hash[run] * 31 + f.front_hash;
         }
         mn_session_stats_get(s, &total);
@@ -137,6 +138,8 @@ START_TEST(figures) {
         ck_assert_uint_eq(total.adapt, adapt);
         ck_assert_uint_eq(total.refused_budget, refused);
         ck_assert_uint_eq(total.waits_dependency, waits);
+        ck_assert_uint_eq(total.splits_undone, undone);
+        ck_assert_uint_gt(undone, 0); /* for want of budget */
         mn_session_plan(s, &plan);
         ck_assert(plan.planned_bytes <= desc.ram_bytes && plan.ram_cap_bytes == desc.ram_bytes);
         mn_session_close(s);
