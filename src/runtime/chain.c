@@ -9,17 +9,18 @@
  *                  split stays, for MNI_KEPT_FRAMES though nobody wants it: the next search goes
  *                  on from there, and what it needs is in use. Otherwise it is undone, and its
  *                  blocks are granted as long as it is tried in every frame (pool_navigate.c)
- *   is refused     it is undone. With little room none is kept, or pieces of chains would keep each
- *                  other from being completed
+ *   is refused     it is undone, and known to the others that come by the same node (refusals.h).
+ *                  With little room none is kept, or pieces of chains would keep each other from
+ *                  being completed
  *
  * Threads: Navigate only. Memory: the navigator's. Paper: §3.3.5 has the dependencies; forced
  * splits: design.md §2. */
 #include "chain.h"
 
 #include "mn_assert.h"
+#include "refusals.h"
 
 enum { SMALL_TRIANGLES = 2000 };
-#define NOBODY UINT16_MAX /* has pushed the first of a stack */
 
 void mni_chain_check_small(const mni_navigator *nav) {
 #ifdef MN_SLOW_CHECKS
@@ -81,7 +82,7 @@ static uint32_t keep_unknown(mni_navigator *nav, uint32_t top, uint32_t pushed,
 /* What stands there on the stack cannot be split, nor can who had it pushed, and so on. */
 static void chain_lacks(mni_navigator *nav, uint32_t at, mni_lack lack) {
     mni_lacking_put(&nav->lacking, nav->stack[at].order, lack.block_id, lack.brief);
-    for (at = nav->pusher[at]; at != NOBODY; at = nav->pusher[at]) {
+    for (at = nav->pusher[at]; at != MNI_NOBODY; at = nav->pusher[at]) {
         const mni_lack *known = mni_lacking_of(&nav->lacking, nav->stack[at].order);
         if (known != NULL && known->brief <= lack.brief)
             return;
@@ -138,7 +139,7 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
     mni_outcome outcome = MNI_DONE;
     uint32_t top = 1, missed = 0, first_missed = 0;
     nav->stack[0] = mni_front_ref_of(front, slot);
-    nav->pusher[0] = NOBODY;
+    nav->pusher[0] = MNI_NOBODY;
     *count = 0;
     const mni_lack *lack = mni_lacking_of(&nav->lacking, nav->stack[0].order);
     if (lack != NULL) {
@@ -153,6 +154,10 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
             continue;
         }
         uint32_t pushed = push_blockers(nav, at.slot, top);
+        if (mni_refusals_bar(nav, top, pushed)) {
+            outcome = MNI_REFUSED_POOL;
+            break;
+        }
         lack = mni_lacking_of(&nav->lacking, at.order);
         if (nav->lacking.any)
             pushed = keep_unknown(nav, top, pushed, &lack);
@@ -197,6 +202,8 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
     if (outcome != MNI_MISS && missed > 0)
         mni_lacking_forget(&nav->lacking);
     chain_end(nav, outcome, count);
+    if (outcome == MNI_REFUSED_POOL)
+        mni_refusals_put_on_the_way(nav, top - 1);
     mni_store_attempt_over(front->store);
     return outcome;
 }

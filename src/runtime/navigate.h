@@ -22,6 +22,7 @@ enum {
     MNI_CROWD_SHARE = 8,      /* of the front's nodes: forks that a frame has to test, in a crowd */
     MNI_TURNS = 16,           /* frames in which each refused chain has its turn */
 };
+#define MNI_NOBODY UINT16_MAX /* has pushed the first of a stack */
 /* Of the scarcest room, up to which something is split early, or kept. */
 #define MNI_EARLY_FILL 0.98
 

@@ -70,6 +70,7 @@ typedef struct mni_pool {
     uint32_t touched_count;
     mni_attempt attempt;
     mni_refusal refusal;    /* the last one */
+    int32_t need_alone;     /* what its block would need by itself */
     uint32_t early;         /* what is asked for is for in so many frames; otherwise 0 */
     bool waits_for_reads;   /* in this frame a switch waited for reads to end */
     uint64_t absent_serial; /* answers "absent" so far */
@@ -100,6 +101,9 @@ mni_answer mni_pool_overflow(mni_pool *pool, const mni_wish *wish, const void **
 void mni_pool_attempt_over(mni_pool *pool);
 /* A node has left a block that stays in use: what is asked for next is another attempt. */
 void mni_pool_left(mni_pool *pool);
+/* See mni_store_refuse. */
+void mni_pool_refuse(mni_pool *pool, const mni_refusal *known, uint32_t table_count,
+                     uint32_t in_use);
 /* What the rules leave for blocks that are not in use; below 1: nothing. */
 int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use);
 /* See mni_store_fill. */

@@ -158,10 +158,10 @@ bool mni_pool_seek(mni_pool *pool, uint32_t block_id) {
 
 /* ---- asking ---------------------------------------------------------------------------------- */
 
-static void attempt_begins(mni_pool *pool, const mni_wish *wish) {
+static void attempt_begins(mni_pool *pool, uint32_t table_count, uint32_t in_use) {
     if (pool->attempt.over)
         pool->attempt = (mni_attempt){.number = pool->attempt.number + 1,
-                                      .room = mni_pool_room(pool, wish->table_count, wish->in_use)};
+                                      .room = mni_pool_room(pool, table_count, in_use)};
 }
 
 /* The attempt asks for a block. What it had been granted before took room before it began; once it
@@ -191,13 +191,30 @@ static mni_answer answer_absent(mni_pool *pool) {
 
 /* lacks: by how much the rule fails. What the attempt has taken up to here stands in the room that
  * it began with, so that much more would have been enough. */
-static mni_answer answer_refused(mni_pool *pool, const mni_wish *wish, int64_t lacks) {
-    int64_t need = pool->attempt.room + lacks;
+static void attempt_refused(mni_pool *pool, uint32_t block_id, int64_t lacks) {
+    const int64_t need = pool->attempt.room + lacks;
     pool->attempt.refused = true;
+    pool->refusal = (mni_refusal){.block_id = block_id, .need = need > 1 ? (int32_t)need : 1};
+}
+
+/* own: a grant of the block's that has not been used, whose room is free when it goes. */
+static mni_answer answer_refused(mni_pool *pool, const mni_wish *wish, uint32_t own,
+                                 int64_t lacks) {
+    const int64_t alone = mni_pool_room(pool, wish->table_count, wish->in_use) + lacks +
+                          (own != MNI_HASHMAP_NONE && !pool->grants.grant[own].used);
+    attempt_refused(pool, wish->ref.id, lacks);
+    pool->need_alone = alone > 1 ? (int32_t)alone : 1;
     if (pool->early == 0 && wish->way == MNI_WAY_DOWN)
         mni_sought_put(&pool->sought, wish->ref, wish->parent.id);
-    pool->refusal = (mni_refusal){.block_id = wish->ref.id, .need = need > 1 ? (int32_t)need : 1};
     return MNI_REFUSED;
+}
+
+void mni_pool_refuse(mni_pool *pool, const mni_refusal *known, uint32_t table_count,
+                     uint32_t in_use) {
+    attempt_begins(pool, table_count, in_use);
+    const int64_t lacks = known->need - mni_pool_room(pool, table_count, in_use);
+    attempt_refused(pool, known->block_id, lacks > 1 ? lacks : 1);
+    pool->need_alone = known->need;
 }
 
 static bool is_there(const mni_holder *holder) {
@@ -237,7 +254,7 @@ static mni_answer ask_for(mni_pool *pool, const mni_wish *wish, uint32_t slot, u
     if (lacks > 0) {
         pool->stats.urgent_down_refused++;
         MNI_TRACE(MN_TRACE_REFUSED, 1, wish->ref.id, 0);
-        return answer_refused(pool, wish, lacks);
+        return answer_refused(pool, wish, own, lacks);
     }
     if (own == MNI_HASHMAP_NONE && pool->there_only) {
         if (wish->way == MNI_WAY_DOWN) {
@@ -294,7 +311,7 @@ static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void 
     if (lacks > 0) {
         if (!loads) {
             MNI_TRACE(MN_TRACE_REFUSED, 0, wish->ref.id, 0);
-            return answer_refused(pool, wish, lacks);
+            return answer_refused(pool, wish, own, lacks);
         }
         if (own != MNI_HASHMAP_NONE && pool->early == 0) {
             pool->grants.grant[own].asked_frame = pool->frame;
@@ -324,7 +341,7 @@ static mni_answer enter_locked(mni_pool *pool, const mni_wish *wish, const void 
 }
 
 mni_answer mni_pool_enter(mni_pool *pool, const mni_wish *wish, const void **bytes) {
-    attempt_begins(pool, wish);
+    attempt_begins(pool, wish->table_count, wish->in_use);
     mni_pool_lock(pool);
     mni_answer answer = enter_locked(pool, wish, bytes);
     mni_pool_unlock(pool);
@@ -383,7 +400,7 @@ static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const vo
         return answer_absent(pool);
     if (lacks > 0) {
         MNI_TRACE(MN_TRACE_REFUSED, 0, wish->ref.id, 0);
-        return answer_refused(pool, wish, lacks);
+        return answer_refused(pool, wish, own, lacks);
     }
     if (own == MNI_HASHMAP_NONE)
         own = attempt_grants(pool, wish, MN_NONE, true);
@@ -401,7 +418,7 @@ static mni_answer overflow_locked(mni_pool *pool, const mni_wish *wish, const vo
 }
 
 mni_answer mni_pool_overflow(mni_pool *pool, const mni_wish *wish, const void **bytes) {
-    attempt_begins(pool, wish);
+    attempt_begins(pool, wish->table_count, wish->in_use);
     mni_pool_lock(pool);
     mni_answer answer = overflow_locked(pool, wish, bytes);
     mni_pool_unlock(pool);

@@ -69,7 +69,33 @@ bool mni_refusals_lacks(const mni_navigator *nav, uint32_t slot) {
 
 void mni_refusals_put(mni_navigator *nav, uint32_t slot) {
     nav->front.node[slot].flags |= MNI_NODE_GIVEN_UP;
-    nav->refusal[slot] = mni_store_refusal(nav->front.store);
+    nav->refusal[slot] = mni_store_refusal(nav->front.store, false);
+}
+
+/* Whoever comes to one of them needs that block as well, and no less room. */
+void mni_refusals_put_on_the_way(mni_navigator *nav, uint32_t at) {
+    const mni_refusal last = mni_store_refusal(nav->front.store, true);
+    for (; last.block_id != 0 && at != MNI_NOBODY; at = nav->pusher[at]) {
+        const mni_front_ref node = nav->stack[at];
+        if (!mni_front_stands(&nav->front, node))
+            continue; /* the chain had made it */
+        mni_front_node *n = &nav->front.node[node.slot];
+        mni_refusal *known = &nav->refusal[node.slot];
+        if ((n->flags & MNI_NODE_GIVEN_UP) == 0 || known->block_id != last.block_id)
+            *known = last; /* otherwise it is known better */
+        n->flags |= MNI_NODE_GIVEN_UP;
+    }
+}
+
+bool mni_refusals_bar(mni_navigator *nav, uint32_t top, uint32_t pushed) {
+    for (uint32_t i = 0; i < pushed; i++) {
+        const uint32_t slot = nav->stack[top + i].slot;
+        if (!mni_refusals_stands(nav, slot) || nav->refusal[slot].block_id == 0)
+            continue;
+        mni_store_refuse(nav->front.store, &nav->refusal[slot]);
+        return true;
+    }
+    return false;
 }
 
 void mni_refusals_seek(mni_navigator *nav, uint32_t slot) {

@@ -18,6 +18,12 @@ bool mni_refusals_stands(const mni_navigator *nav, uint32_t slot);
 bool mni_refusals_lacks(const mni_navigator *nav, uint32_t slot);
 /* Remembers what the chain of a slot has just been refused for. */
 void mni_refusals_put(mni_navigator *nav, uint32_t slot);
+/* A chain has been refused, and undone, at what stands there on the stack, for whose sake all those
+ * were pushed that lead there: remembers it of each of them. */
+void mni_refusals_put_on_the_way(mni_navigator *nav, uint32_t at);
+/* Would a chain be refused at one of the `pushed` blockers above the top of the stack, as one was
+ * before? Then the store is told so. */
+bool mni_refusals_bar(mni_navigator *nav, uint32_t top, uint32_t pushed);
 /* What the chain of a slot was refused for is sought, where places are scarce. */
 void mni_refusals_seek(mni_navigator *nav, uint32_t slot);
 /* An item of the agenda that has been popped: does it have to wait? Then it is on the agenda again.

@@ -247,10 +247,17 @@ bool mni_store_absent(const mni_store *store, uint32_t *block_id) {
            store->kind->comes(store->blocks, store->absent_id);
 }
 
-mni_refusal mni_store_refusal(const mni_store *store) {
+mni_refusal mni_store_refusal(const mni_store *store, bool alone) {
     if (store->table_full || store->kind->refusal == NULL)
         return (mni_refusal){0};
-    return store->kind->refusal(store->blocks);
+    return store->kind->refusal(store->blocks, alone);
+}
+
+void mni_store_refuse(mni_store *store, const mni_refusal *known) {
+    const mni_ancestors *table = &store->table;
+    MN_ASSERT(known->block_id != 0 && known->need > 0 && store->kind->refuse != NULL);
+    store->table_full = false;
+    store->kind->refuse(store->blocks, known, table->count, table->in_use);
 }
 
 bool mni_store_allows(const mni_store *store, const mni_refusal *refusal, bool lenient) {

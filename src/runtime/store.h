@@ -130,8 +130,12 @@ void mni_store_attempt_over(mni_store *store);
 /* Id of the block that the last MNI_ABSENT was about (0: of none that is asked for). false: nobody
  * knows when it comes, since nothing is asked for or reading it has failed. */
 bool mni_store_absent(const mni_store *store, uint32_t *block_id);
-/* Of the last MNI_REFUSED. */
-mni_refusal mni_store_refusal(const mni_store *store);
+/* Of the last MNI_REFUSED, or mni_store_refuse: what the attempt would have needed or, alone, what
+ * whoever comes to the same block will need at least. */
+mni_refusal mni_store_refusal(const mni_store *store, bool alone);
+/* The attempt comes to a node that was refused before, for a block that is known, and would be
+ * again (mni_store_allows): it is given up as if it had asked for that block. */
+void mni_store_refuse(mni_store *store, const mni_refusal *known);
 /* May what was refused be granted now? false: it would be refused again. lenient: another may have
  * brought some of its blocks in since, so that less room would do. */
 bool mni_store_allows(const mni_store *store, const mni_refusal *refusal, bool lenient);

@@ -37,9 +37,10 @@ typedef struct mni_store_kind {
      * another attempt. And: what was asked for was one, and what leaves is not given back by it. */
     void (*left)(void *self);
     void (*attempt_over)(void *self);
-    /* Of the last MNI_REFUSED; and what the rules leave for blocks that are not in use. NULL: there
-     * are no rules. */
-    mni_refusal (*refusal)(const void *self);
+    /* See mni_store_refusal and mni_store_refuse; and what the rules leave for blocks that are not
+     * in use. NULL: there are no rules. */
+    mni_refusal (*refusal)(const void *self, bool alone);
+    void (*refuse)(void *self, const mni_refusal *known, uint32_t table_count, uint32_t in_use);
     int64_t (*room)(const void *self, uint32_t table_count, uint32_t in_use);
     double (*fill)(const void *self, uint32_t table_count, uint32_t in_use);
     /* Of a block that was answered "absent": is it asked for, and has not failed? NULL: never. */

@@ -265,8 +265,14 @@ static void attempt_over(void *self) {
     mni_pool_attempt_over(&((paged *)self)->pool);
 }
 
-static mni_refusal refusal(const void *self) {
-    return ((const paged *)self)->pool.refusal;
+static mni_refusal refusal(const void *self, bool alone) {
+    const mni_pool *pool = &((const paged *)self)->pool;
+    return (mni_refusal){.block_id = pool->refusal.block_id,
+                         .need = alone ? pool->need_alone : pool->refusal.need};
+}
+
+static void refuse(void *self, const mni_refusal *known, uint32_t table_count, uint32_t in_use) {
+    mni_pool_refuse(&((paged *)self)->pool, known, table_count, in_use);
 }
 
 static bool comes(void *self, uint32_t block_id) {
@@ -411,6 +417,7 @@ const mni_store_kind mni_store_paged = {
     .left = left,
     .attempt_over = attempt_over,
     .refusal = refusal,
+    .refuse = refuse,
     .room = room,
     .fill = fill,
     .comes = comes,

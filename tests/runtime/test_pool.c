@@ -290,6 +290,52 @@ START_TEST(packed_counts_ancestors) {
 }
 END_TEST
 
+/* Whoever comes to a block that was refused is refused as if he had asked for it: what he has taken
+ * on his way there is in what he needs, or it would do to begin again when that has gone. */
+START_TEST(refused_as_before) {
+    open_store(MN_BLOCKING_PACKED, 3, 40, 0);
+    const uint32_t k = mni_store_k_min(&file.header);
+    next_frame();
+    mni_entry entry[64] = {root};
+    uint32_t block[64] = {0}, count = 1;
+    mni_refusal known = {0}, needs;
+    for (uint32_t i = 0; i < count && known.block_id == 0; i++)
+        for (uint32_t c = 0; c < 3 && known.block_id == 0 && file.block[block[i]].depth < 4; c++) {
+            mn_block_ref ref = child_of(block[i], c);
+            mni_answer answer = MNI_ABSENT;
+            for (int frame = 0; frame < 5 && answer == MNI_ABSENT; frame++, next_frame())
+                answer = mni_store_down(store, entry[i], ref, &entry[count]);
+            if (answer == MNI_REFUSED)
+                known = mni_store_refusal(store, true);
+            block[count] = block_of(ref);
+            count += answer == MNI_GRANTED;
+        }
+    ck_assert_uint_eq(count, k);
+    ck_assert_int_eq(known.need, 1);
+    ck_assert(!mni_store_allows(store, &known, false));
+    const uint32_t last = count - 1, above = file.block[block[last]].parent;
+    uint32_t at = 0;
+    while (block[at] != above)
+        at++;
+    mni_store_sub(store, entry[last]); /* makes room for one */
+    ck_assert(mni_store_allows(store, &known, false));
+    mn_block_ref again = {.id = 0};
+    for (uint32_t c = 0; c < 3; c++)
+        if (block_of(child_of(above, c)) == block[last])
+            again = child_of(above, c);
+    ck_assert_int_eq(mni_store_down(store, entry[at], again, &entry[last]), MNI_GRANTED);
+    ck_assert(!mni_store_allows(store, &known, false));
+    mni_store_refuse(store, &known);
+    needs = mni_store_refusal(store, false);
+    ck_assert_uint_eq(needs.block_id, known.block_id);
+    ck_assert_int_eq(needs.need, 2);
+    ck_assert_int_eq(mni_store_refusal(store, true).need, 1);
+    mni_store_sub(store, entry[last]);
+    ck_assert(!mni_store_allows(store, &needs, false));
+    close_store();
+}
+END_TEST
+
 /* Repair (c), and attempts: the block that a waiting chain has given back is not thrown out by the
  * one that it waits for, wherever the search for a victim stands. */
 START_TEST(a_chain_keeps_its_blocks) {
@@ -490,6 +536,7 @@ int main(void) {
     tcase_add_test(tests, levels_leave_a_place);
     tcase_add_test(tests, levels_count_grants);
     tcase_add_test(tests, packed_counts_ancestors);
+    tcase_add_test(tests, refused_as_before);
     tcase_add_loop_test(tests, a_chain_keeps_its_blocks, 0, 4);
     tcase_add_test(tests, what_is_not_asked_for_is_dropped);
     tcase_add_test(tests, lying_references_are_absent);

@@ -91,6 +91,36 @@ START_TEST(given_up_until_there_is_room) {
 }
 END_TEST
 
+/* Where one chain was refused others are refused unseen: in a pool that is full by far, with the
+ * camera going on, next to nothing is split only to be undone. */
+START_TEST(refused_unseen) {
+    model m;
+    model_make(&m, MODEL_TERRAIN, 40000, &blockings[2]);
+    mn_session_desc desc = model_desc(&m);
+    desc.store = MN_STORE_PAGED;
+    desc.io = MN_IO_SIM;
+    desc.fps = 60;
+    desc.degrade_off = true;
+    desc.k = 60;
+    mn_session *s = model_open(&desc);
+    uint64_t splits = 0, undone = 0, refused = 0;
+    for (int i = 0; i < 120; i++) {
+        const mn_camera camera = model_camera(&m, 0.01 * i, 2 - 0.01 * i);
+        mn_frame_stats frame;
+        mn_session_frame(s, &camera, &frame);
+        if (i < 10) /* from the roots: blocks are absent, too */
+            continue;
+        splits += frame.splits;
+        undone += frame.splits_undone;
+        refused += frame.refused_pool;
+    }
+    ck_assert_uint_gt(refused, splits);
+    ck_assert_uint_lt(undone, splits / 2);
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
 /* Reads fail, lie and come late; when that ends, the front is the one that a sound disk gives. */
 START_TEST(faults_end) {
     uint64_t sound[CAMERAS];
@@ -142,6 +172,9 @@ int main(void) {
     TCase *tc = tcase_create("session_pool");
     tcase_set_timeout(tc, 120);
     tcase_add_loop_test(tc, given_up_until_there_is_room, 0, BLOCKINGS);
+    TCase *full = tcase_create("full");
+    tcase_add_test(full, refused_unseen);
+    suite_add_tcase(suite, full);
     tcase_add_loop_test(tc, few_holders, 0, MODEL_SHAPES * BLOCKINGS);
     tcase_add_loop_test(tc, faults_end, 0, 2 * MODEL_SHAPES);
     suite_add_tcase(suite, tc);

@@ -455,7 +455,9 @@ static void there_first(walker *w) {
         if (w->state[s] != 0 || w->want[s] == 0 || w->state[parent] != 2)
             continue;
         if (split_chain(w, s, mix(w->camera + 1, s)) == MNI_REFUSED) {
-            const mni_refusal refusal = mni_store_refusal(w->store);
+            const mni_refusal refusal = mni_store_refusal(w->store, false);
+            const mni_refusal alone = mni_store_refusal(w->store, true);
+            MN_ASSERT(alone.block_id == refusal.block_id && alone.need <= refusal.need);
             if (!mni_store_has(w->store, &refusal))
                 (void)mni_store_seek(w->store, &refusal);
         }
