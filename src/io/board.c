@@ -145,14 +145,16 @@ static bool sees_soon(const mni_board *board) {
 uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
     uint32_t rejected = 0, urgent = 0;
     mni_lock_take(&board->lock);
-    keep_pace(board);
+    if (!batch->goes_on)
+        keep_pace(board);
     while (urgent < batch->count && mni_command_is_urgent(batch->command[urgent].kind))
         urgent++;
     for (uint32_t i = urgent; i < batch->count; i++)
         if (batch->command[i].kind == MNI_COMMAND_PREFETCH)
             MNI_TRACE(MN_TRACE_POST, MN_TRACE_PREFETCH, batch->command[i].ref.id,
                       batch->command[i].due);
-    if (batch->sorts) {
+    MN_ASSERT(!batch->goes_on || urgent == batch->count);
+    if (batch->sorts && !batch->goes_on) {
         take_back(board, batch);
         sort_nearest_first(batch->command + urgent, batch->count - urgent);
     }
@@ -174,7 +176,7 @@ uint32_t mni_board_post(mni_board *board, mni_batch *batch) {
             batch->command[rejected++] = *command;
     }
     MNI_TRACE_COUNT(MN_TRACE_N_COMMANDS, board->open);
-    if (batch->count > rejected && !sees_soon(board))
+    if (batch->count > rejected && (batch->goes_on || !sees_soon(board)))
         pthread_cond_signal(&board->work);
     mni_lock_give(&board->lock);
     return rejected;

@@ -85,6 +85,7 @@ typedef struct mni_board_counts {
 typedef struct mni_batch {
     mni_command *command; /* with room for the prefetch ring behind `count` */
     uint32_t count;
+    bool goes_on;           /* the frame does: urgent commands alone, which are not to wait */
     bool sorts;             /* prefetches stand by due, not in the order in which they came */
     uint32_t cancel_before; /* prefetches posted in an earlier frame end, given up; 0: none do */
 } mni_batch;

@@ -88,6 +88,10 @@ static inline void mni_trace_lacks(uint32_t block_id) {
         mni_trace_mine->absent = block_id;
 }
 
+static inline uint32_t mni_trace_absent(void) {
+    return mni_trace_on() ? mni_trace_mine->absent : 0;
+}
+
 /* Until it ends, what is done is for what will be wanted in a moment only, and is marked; what is
  * absent or refused leaves no trace. */
 static inline void mni_trace_early(bool early) {

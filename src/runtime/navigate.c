@@ -10,6 +10,7 @@
  *                   within half a doubling, there by place), each with the chain of neighbours that
  *                   must split before it. A chain is found by splitting, and undone in reverse when
  *                   it cannot be carried out whole. Children that are wanted join the agenda.
+ *   rounds          in a long frame what it has missed is read meanwhile, and tried again
  *   early splits    what the camera, extrapolated, will want three frames on, while there is room,
  *                   and until the frame has done more than frames usually do
  *   foresight       blocks that it will want later, likewise
@@ -40,8 +41,9 @@ enum { FETCHED = 12, TOGETHER = 16 }; /* nodes to split; forks to test */
 #define EFFORT_START 1.5
 #define EFFORT_MAX 2.5
 enum { EFFORT_LEAST = 16, EFFORT_FRAMES = 8 };
-#define LOOK (-1.0f)   /* due now: the clock of motion begins at 0 */
-#define NEVER INFINITY /* nobody is in the slot: who comes sets it */
+#define OP_SECONDS 5e-7 /* that an operation takes, about: of a simulated disk's time */
+#define LOOK (-1.0f)    /* due now: the clock of motion begins at 0 */
+#define NEVER INFINITY  /* nobody is in the slot: who comes sets it */
 
 /* ---- collapses ------------------------------------------------------------------------------ */
 
@@ -454,10 +456,18 @@ static void keep_chain(mni_navigator *nav, uint32_t count, uint32_t triangles) {
         }
 }
 
-static void split_pass(mni_navigator *nav) {
+/* Puts a miss on the list of those that have another turn in this frame. false: there is none. */
+static bool list_missed(mni_navigator *nav, mni_agenda_item item) {
+    if (!nav->early || nav->missed_count == MNI_LISTED_MAX)
+        return false;
+    nav->missed[nav->missed_count++] = (mni_missed){item, mni_trace_absent()};
+    return true;
+}
+
+/* All that is on the agenda, and what comes to be wanted by it. counts: whoever cannot be split has
+ * no other turn in this frame, but for those on the list. */
+static void splits_make(mni_navigator *nav, bool counts) {
     mni_front *front = &nav->front;
-    mni_refusals_begin(nav);
-    split_agenda(nav);
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     mni_agenda_item item;
     uint32_t fetched = 0; /* up to there, of the agenda's sorted items */
@@ -482,14 +492,72 @@ static void split_pass(mni_navigator *nav) {
             mni_refusals_put_off(nav, item);
             continue;
         }
-        if (outcome != MNI_DONE) {
+        const bool listed = outcome == MNI_MISS && list_missed(nav, item);
+        if (outcome != MNI_DONE && !listed && counts)
             refuse(nav, item.key, outcome);
-            if (outcome == MNI_REFUSED_FRONT || outcome == MNI_REFUSED_BUDGET)
-                closed = outcome;
-        }
+        if (outcome == MNI_REFUSED_FRONT || outcome == MNI_REFUSED_BUDGET)
+            closed = outcome;
     }
     mni_refusals_end(nav);
     nav->version = front->version;
+}
+
+static void split_pass(mni_navigator *nav) {
+    nav->missed_count = 0;
+    mni_refusals_begin(nav);
+    split_agenda(nav);
+    splits_make(nav, true);
+}
+
+/* ---- rounds ---------------------------------------------------------------------------------- */
+
+/* What has been missed is read while something else is done, if that takes longer than to wake I/O:
+ * it takes so many operations. */
+static void round_begin(mni_navigator *nav, double ops) {
+    nav->posted = -1;
+    if (nav->missed_count == 0 || ops < nav->round_ops)
+        return;
+    mni_store_post(nav->front.store);
+    nav->posted = mni_navigator_effort(nav);
+}
+
+/* Those that lacked a block have another turn. */
+static void missed_again(mni_navigator *nav, bool counts) {
+    const uint32_t count = nav->missed_count;
+    nav->missed_count = 0;
+    mni_refusals_begin(nav);
+    mni_agenda_clear(&nav->agenda);
+    for (uint32_t i = 0; i < count; i++)
+        if (item_stands(&nav->front, nav->missed[i].item))
+            consider_split(nav, nav->missed[i].item.what);
+    splits_make(nav, counts);
+}
+
+/* Has there been a round, in which something may have come? */
+static bool round_end(mni_navigator *nav) {
+    if (nav->posted < 0)
+        return false;
+    mni_store_meanwhile(nav->front.store, (mni_navigator_effort(nav) - nav->posted) * OP_SECONDS);
+    nav->posted = -1;
+    return true;
+}
+
+/* What the frame before missed and has come since goes on first of all, so that what it lacks next
+ * is read while the frame begins. The pass of splits comes to it again. */
+static void missed_first(mni_navigator *nav) {
+    if (!nav->early || nav->missed_count == 0 || nav->usual < 2 * nav->round_ops)
+        return;
+    MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_SPLITS, 0, 0);
+    missed_again(nav, false);
+    round_begin(nav, nav->usual);
+}
+
+/* Who has had his last turn. */
+static void missed_count(mni_navigator *nav) {
+    for (uint32_t i = 0; i < nav->missed_count; i++) {
+        mni_trace_lacks(nav->missed[i].block_id);
+        refuse(nav, nav->missed[i].item.key, MNI_MISS);
+    }
 }
 
 /* ---- early splits ---------------------------------------------------------------------------- */
@@ -611,7 +679,10 @@ static void look_forward(mni_navigator *nav) {
     nav->effort_max = EFFORT_MAX * nav->usual + EFFORT_LEAST;
     if (nav->early && mni_navigator_effort(nav) < start) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_EARLY_SPLITS, 0, 0);
+        round_begin(nav, nav->usual - mni_navigator_effort(nav));
         early_pass(nav);
+        if (round_end(nav))
+            missed_again(nav, true);
     } else {
         nav->early_left = true;
     }
@@ -684,14 +755,18 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
                  nav->work.refused_pool > 0;
     nav->work = (mni_work){0};
     nav->frame++;
+    nav->posted = -1;
     bool moved = nav->moved;
     nav->moved |= !same; /* chains that were given up may go through at another level */
+    missed_first(nav);
     MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_COLLAPSES, 0, 0);
     collapse_pass(nav);
+    (void)round_end(nav);
     MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_SPLITS, 0, 0);
     split_pass(nav);
     if (nav->looks_ahead)
         look_forward(nav);
+    missed_count(nav);
     nav->moved = moved;
 }
 
@@ -726,6 +801,7 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
                            uint32_t nodes_max, uint32_t simplices_max, mni_arena *arena,
                            mn_status *st) {
     nav->chain_max = chain_room(nodes_max);
+    nav->round_ops = MNI_ROUND_OPS;
     mni_agenda_open(&nav->agenda, nodes_max, arena);
     nav->stack = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->stack, 64);
     nav->pusher = mni_arena_take(arena, MNI_STACK_MAX, sizeof *nav->pusher, 64);

@@ -17,6 +17,8 @@ enum {
     MNI_SURVEY_MAX = 64,      /* … and splits after the first, for the sake of further ones … */
     MNI_KEPT_MAX = 1 << 12,   /* … and of either where the splits stay */
     MNI_KEPT_FRAMES = 4,      /* that they stay for, unwanted */
+    MNI_ROUND_OPS = 1000,     /* half a millisecond: ten times what it takes to wake I/O */
+    MNI_LISTED_MAX = 256,     /* misses of a frame that have another turn in it */
     MNI_AGAIN_MAX = 64,       /* nodes whose early chains are tried again in the next frame */
     MNI_PLACES_MIN = 1 << 12, /* nodes of a front: fewer are in the cache whatever the order */
     MNI_CROWD_SHARE = 8,      /* of the front's nodes: forks that a frame has to test, in a crowd */
@@ -36,11 +38,18 @@ typedef struct mni_work {
     bool refused_collapse; /* what is not wanted stands, for want of a block or of budget */
 } mni_work;
 
+/* A node whose chain lacked a block. */
+typedef struct mni_missed {
+    mni_agenda_item item;
+    uint32_t block_id; /* for a trace */
+} mni_missed;
+
 typedef struct mni_navigator {
     mni_front front;
 
     /* const after open */
     uint64_t ops_max; /* a frame; 0: no limit */
+    double round_ops; /* a round takes so many at least: MNI_ROUND_OPS */
     bool degrades;
     bool looks_ahead;     /* blocks are prefetched by where the camera is going */
     double size;          /* of the model: its radius */
@@ -68,6 +77,10 @@ typedef struct mni_navigator {
     bool early_splits; /* … which has its turn now … */
     bool early_odd;    /* … those in odd batches of slots, or in even ones … */
     bool early_left;   /* … or all, as some were left */
+    /* of this frame, those that have another turn in it; then of the one before */
+    mni_missed missed[MNI_LISTED_MAX];
+    uint32_t missed_count;
+    double posted; /* effort of the frame when what it had missed was posted */
     mni_front_ref early_again[MNI_AGAIN_MAX]; /* early chains that lacked a block */
     uint32_t early_again_count;
     uint32_t frame;    /* from 1 */

@@ -125,6 +125,8 @@ void mni_pool_note(mni_pool *pool, uint32_t block_id, const mni_note *note);
 void mni_pool_early(mni_pool *pool, uint32_t frames);
 /* Starts a frame and hands out what failed since the last: at most MNI_REPORTS_MAX. */
 uint32_t mni_pool_begin_frame(mni_pool *pool, mni_report report[MNI_REPORTS_MAX]);
+/* Within a frame: posts what has been granted. */
+void mni_pool_post(mni_pool *pool);
 void mni_pool_end_frame(mni_pool *pool);
 /* What was answered "absent" in this frame and may be there, or be asked for, in the next. */
 uint32_t mni_pool_waiting(mni_pool *pool);

@@ -653,9 +653,10 @@ static void settle_ahead(mni_pool *pool) {
 
 /* The whole frame's commands under one lock. Urgent ones for which the board has no room are posted
  * with the next frame's. */
-static void post_batch(mni_pool *pool) {
+static void post_batch(mni_pool *pool, bool goes_on) {
     mni_batch *batch = &pool->batch;
     batch->cancel_before = 0;
+    batch->goes_on = goes_on;
     if (pool->frame > MNI_AHEAD_FRAMES)
         batch->cancel_before = (uint32_t)(pool->frame - MNI_AHEAD_FRAMES);
     uint32_t rejected = mni_board_post(pool->board, batch);
@@ -684,7 +685,21 @@ void mni_pool_end_frame(mni_pool *pool) {
     settle_ahead(pool);
     trace_levels(pool);
     mni_pool_unlock(pool);
-    post_batch(pool);
+    post_batch(pool, false);
+}
+
+void mni_pool_post(mni_pool *pool) {
+    mni_pool_lock(pool);
+    for (uint32_t i = 0; i < pool->grants.high; i++) {
+        const mni_grant *grant = &pool->grants.grant[i];
+        if (grant->ref.id != 0 && grant->asked_frame == pool->frame && !grant->posted &&
+            mni_hashmap_find(&pool->by_id, grant->ref.id) == MNI_HASHMAP_NONE &&
+            mni_failures_due(&pool->failures, grant->ref.id, pool->frame))
+            post_urgent(pool, i);
+    }
+    mni_pool_unlock(pool);
+    if (pool->batch.count > 0)
+        post_batch(pool, true);
 }
 
 /* ---- figures --------------------------------------------------------------------------------- */

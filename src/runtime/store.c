@@ -359,6 +359,16 @@ void mni_store_frame_end(mni_store *store, double frame_s) {
     store->kind->frame_end(store->blocks, frame_s);
 }
 
+void mni_store_post(mni_store *store) {
+    if (store->kind->post != NULL)
+        store->kind->post(store->blocks);
+}
+
+void mni_store_meanwhile(mni_store *store, double seconds) {
+    if (store->kind->meanwhile != NULL)
+        store->kind->meanwhile(store->blocks, seconds);
+}
+
 void mni_store_drain(mni_store *store) {
     store->kind->drain(store->blocks);
 }

@@ -181,6 +181,10 @@ bool mni_store_has(mni_store *store, const mni_refusal *refusal);
  * simulated disk's clock advances by frame_s. */
 void mni_store_frame_begin(mni_store *store);
 void mni_store_frame_end(mni_store *store, double frame_s);
+/* Within a frame: what has been asked for is posted, and may be there before the frame ends. */
+void mni_store_post(mni_store *store);
+/* So much of the frame has passed since: the simulated disk's clock advances. */
+void mni_store_meanwhile(mni_store *store, double seconds);
 /* Waits until nothing is asked for and nothing is read. */
 void mni_store_drain(mni_store *store);
 /* Reads in flight, commands not yet fetched, blocks that this frame missed and the next may find or

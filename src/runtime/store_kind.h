@@ -56,6 +56,8 @@ typedef struct mni_store_kind {
     bool (*has)(void *self, uint32_t block_id);
     void (*frame_begin)(void *self);
     void (*frame_end)(void *self, double frame_s);
+    void (*post)(void *self); /* NULL, both: all is there */
+    void (*meanwhile)(void *self, double seconds);
     void (*drain)(void *self);
     uint32_t (*pending)(void *self);
     uint64_t (*epoch)(const void *self);

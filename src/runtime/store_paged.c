@@ -28,6 +28,7 @@ typedef struct paged {
     mni_store_desc desc;
     /* Navigate only */
     uint64_t clock_ns; /* virtual */
+    uint64_t spent_ns; /* of the frame, by that clock */
     uint64_t frames;
     uint32_t warnings;
     /* each with its own rules */
@@ -104,6 +105,27 @@ static void frame_begin(void *self) {
         report(p, &reports[i]);
 }
 
+static uint64_t frame_length_ns(double frame_s) {
+    return frame_s > 0 ? (uint64_t)(frame_s * 1e9) : NS_PER_FRAME_FREE;
+}
+
+static void post(void *self) {
+    paged *p = self;
+    mni_pool_post(&p->pool);
+    if (p->desc.io_serial)
+        drain(p);
+}
+
+static void meanwhile(void *self, double seconds) {
+    paged *p = self;
+    if (!p->disk.method->own_time)
+        return;
+    const uint64_t ns = (uint64_t)(seconds * 1e9);
+    p->spent_ns += ns;
+    p->clock_ns += ns;
+    run_until(p, p->clock_ns);
+}
+
 static void frame_end(void *self, double frame_s) {
     paged *p = self;
     mni_pool_end_frame(&p->pool);
@@ -111,7 +133,9 @@ static void frame_end(void *self, double frame_s) {
     if (p->disk.method->own_time) {
         if (p->desc.sim.fault_frames > 0)
             p->disk.method->faults(p->disk.self, p->frames < p->desc.sim.fault_frames);
-        p->clock_ns += frame_s > 0 ? (uint64_t)(frame_s * 1e9) : NS_PER_FRAME_FREE;
+        const uint64_t frame_ns = frame_length_ns(frame_s);
+        p->clock_ns += frame_ns > p->spent_ns ? frame_ns - p->spent_ns : 0;
+        p->spent_ns = 0;
         run_until(p, p->clock_ns);
     }
     if (p->desc.io_serial)
@@ -430,6 +454,8 @@ const mni_store_kind mni_store_paged = {
     .has = has,
     .frame_begin = frame_begin,
     .frame_end = frame_end,
+    .post = post,
+    .meanwhile = meanwhile,
     .drain = drain,
     .pending = pending,
     .epoch = epoch,

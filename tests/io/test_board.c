@@ -273,12 +273,58 @@ START_TEST(a_nap_is_cut_short) {
 }
 END_TEST
 
+/* What is posted while a frame goes on does not wait for the end of a nap, nor does it take back
+ * what stands there, or count as a frame. */
+START_TEST(within_a_frame) {
+    enum { FRAMES = 4, FRAME_NS = 40000000 };
+    const char look[LOOK_BYTES] = "moves";
+    mni_command c[2 + 4] = {command(MNI_COMMAND_PREFETCH, 1)};
+    mni_batch ends = {.command = c, .count = 1, .sorts = true, .cancel_before = 5};
+    open_board(4, 4);
+    ck_assert_uint_eq(mni_board_post(&board, &ends), 0);
+    mni_board_look(&board, look);
+    const uint64_t posted_ns = board.posted_ns, between_ns = board.between_ns;
+    c[0] = command(MNI_COMMAND_URGENT_DOWN, 2);
+    mni_batch goes_on = {
+        .command = c, .count = 1, .goes_on = true, .sorts = true, .cancel_before = 5};
+    ck_assert_uint_eq(mni_board_post(&board, &goes_on), 0);
+    ck_assert_uint_eq(board.posted_ns, posted_ns);
+    ck_assert_uint_eq(board.between_ns, between_ns);
+    for (uint32_t id = 2; id > 0; id--) { /* the prefetch, of frame 0, stands still */
+        mni_command got;
+        ck_assert(fetch(&got));
+        ck_assert_uint_eq(got.ref.id, id);
+        end(got.kind, MNI_END_LOADED);
+    }
+    uint32_t served = 0;
+    pthread_t thread;
+    ck_assert_int_eq(pthread_create(&thread, NULL, serve, &served), 0);
+    const struct timespec frame = {.tv_nsec = FRAME_NS}, moment = {.tv_nsec = 1000000};
+    for (int i = 0; i < FRAMES; i++) {
+        mni_board_look(&board, look);
+        ck_assert(post(command(MNI_COMMAND_URGENT_UP, 1)));
+        nanosleep(&frame, NULL);
+    }
+    while (mni_board_open_commands(&board) > 0)
+        nanosleep(&moment, NULL);
+    c[0] = command(MNI_COMMAND_URGENT_DOWN, 2);
+    goes_on.count = 1;
+    ck_assert_uint_eq(mni_board_post(&board, &goes_on), 0);
+    mni_board_wait_quiet(&board);
+    mni_board_stop(&board);
+    pthread_join(thread, NULL);
+    ck_assert_uint_eq(served, FRAMES + 1);
+    close_board();
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("board");
     TCase *tests = tcase_create("board");
     tcase_set_timeout(tests, 60);
     tcase_add_test(tests, sees_what_frames_post);
     tcase_add_loop_test(tests, a_nap_is_cut_short, 0, 2);
+    tcase_add_test(tests, within_a_frame);
     tcase_add_test(tests, urgent_first_and_in_order);
     tcase_add_test(tests, a_full_board_says_so);
     tcase_add_test(tests, nearest_first_and_cancelled);
