@@ -293,6 +293,29 @@ START_TEST(bytes_moved_are_as_few_as_can_be) {
 }
 END_TEST
 
+/* One run too many, and the first of them long: two of the others are merged. */
+START_TEST(the_cheapest_are_merged) {
+    input in = {.key = MNI_SORT_U64, .bytes = 16};
+    mni_sort_desc desc = desc_of(&in, 100000);
+    const uint64_t room = mni_sort_room(&desc);
+    mni_sort *sort = open_sort(&in, desc.budget_bytes);
+    const uint32_t ways = mni_sort_figures_get(sort).ways_max;
+    mni_sort_close(sort);
+    in = make_input(RANDOM, MNI_SORT_U64, 16, (20 + ways) * room);
+    for (uint64_t i = 0; i < 20 * room; i++) { /* in order, so one run; no other goes on with it */
+        const uint64_t key = UINT64_MAX - 20 * room + i;
+        memcpy(in.records + i * in.bytes, &key, sizeof key);
+    }
+    unsigned char *want = sorted(&in);
+    mni_sort_figures f = check_sort(&in, want, desc.budget_bytes);
+    ck_assert_uint_eq(f.runs, ways + 1);
+    ck_assert_uint_eq(f.merges, 1);
+    ck_assert_uint_eq(f.bytes_written, (in.count + 2 * room) * in.bytes);
+    free(want);
+    free(in.records);
+}
+END_TEST
+
 /* Random sizes, shapes, keys and budgets. */
 START_TEST(random_sorts) {
     uint64_t state = seed;
@@ -484,6 +507,7 @@ int main(void) {
     tcase_add_loop_test(tc, every_shape_every_budget, 0, SHAPES);
     tcase_add_loop_test(tc, every_size, 0, 10);
     tcase_add_test(tc, bytes_moved_are_as_few_as_can_be);
+    tcase_add_test(tc, the_cheapest_are_merged);
     tcase_add_test(tc, random_sorts);
     tcase_add_test(tc, memory_is_the_budget);
     tcase_add_test(tc, full_disks);
