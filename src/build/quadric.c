@@ -88,8 +88,13 @@ void mni_quadric_add_triangle(mni_surface *surface, uint32_t v, uint32_t t) {
 typedef double lanes __attribute__((vector_size(32)));
 typedef uint64_t bits __attribute__((vector_size(32)));
 typedef float halves __attribute__((vector_size(16)));
-typedef int64_t order __attribute__((vector_size(32)));
 enum { LANES = 4 };
+
+/* Of rows a and b: a0 b0 a2 b2; a1 b1 a3 b3; a0 a1 b0 b1; a2 a3 b2 b3. */
+#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 4, 2, 6)
+#define ODD(a, b) __builtin_shufflevector(a, b, 1, 5, 3, 7)
+#define LOW(a, b) __builtin_shufflevector(a, b, 0, 1, 4, 5)
+#define HIGH(a, b) __builtin_shufflevector(a, b, 2, 3, 6, 7)
 
 _Static_assert(offsetof(mni_vertex, zz) == offsetof(mni_vertex, c) + 3 * sizeof(double) &&
                    offsetof(mni_vertex, value) == 3 * sizeof(float),
@@ -108,17 +113,14 @@ static inline __attribute__((always_inline)) void four_keys(const mni_vertex *r,
         memcpy(&p[l], k[l]->p, sizeof k[l]->p + sizeof k[l]->value);
         memcpy(&q[l], &k[l]->c, sizeof q[l]);
     }
-    const mni_four even = {0, 4, 2, 6}, odd = {1, 5, 3, 7}, low = {0, 1, 4, 5}, high = {2, 3, 6, 7};
-    halves xz0 = __builtin_shuffle(p[0], p[1], even), xz1 = __builtin_shuffle(p[2], p[3], even);
-    halves y0 = __builtin_shuffle(p[0], p[1], odd), y1 = __builtin_shuffle(p[2], p[3], odd);
-    lanes x = __builtin_convertvector(__builtin_shuffle(xz0, xz1, low), lanes) - (double)r->p[0];
-    lanes y = __builtin_convertvector(__builtin_shuffle(y0, y1, low), lanes) - (double)r->p[1];
-    lanes z = __builtin_convertvector(__builtin_shuffle(xz0, xz1, high), lanes) - (double)r->p[2];
-    const order near = {0, 4, 2, 6}, far = {1, 5, 3, 7}, left = {0, 1, 4, 5}, right = {2, 3, 6, 7};
-    lanes a = __builtin_shuffle(q[0], q[1], near), b = __builtin_shuffle(q[2], q[3], near);
-    lanes c = __builtin_shuffle(q[0], q[1], far), d = __builtin_shuffle(q[2], q[3], far);
-    lanes of_k = __builtin_shuffle(a, b, left), xx = __builtin_shuffle(c, d, left);
-    lanes yy = __builtin_shuffle(a, b, right), zz = __builtin_shuffle(c, d, right);
+    halves xz0 = EVEN(p[0], p[1]), xz1 = EVEN(p[2], p[3]);
+    halves y0 = ODD(p[0], p[1]), y1 = ODD(p[2], p[3]);
+    lanes x = __builtin_convertvector(LOW(xz0, xz1), lanes) - (double)r->p[0];
+    lanes y = __builtin_convertvector(LOW(y0, y1), lanes) - (double)r->p[1];
+    lanes z = __builtin_convertvector(HIGH(xz0, xz1), lanes) - (double)r->p[2];
+    lanes a = EVEN(q[0], q[1]), b = EVEN(q[2], q[3]);
+    lanes c = ODD(q[0], q[1]), d = ODD(q[2], q[3]);
+    lanes of_k = LOW(a, b), xx = LOW(c, d), yy = HIGH(a, b), zz = HIGH(c, d);
     lanes length2 = x * x + y * y + z * z;
     lanes share = MNI_LENGTH_SHARE * ((r->xx + r->yy + r->zz) + (xx + yy + zz));
     lanes value =

@@ -145,14 +145,14 @@ take_four(const mni_surface *s, const uint32_t *list, uint32_t i, uint32_t count
         four.id[l] = at;
         memcpy(&x[l], &s->simplex[at], sizeof x[l]);
     }
-    mni_four a = __builtin_shuffle(x[0], x[1], (mni_four){0, 4, 1, 5});
-    mni_four b = __builtin_shuffle(x[2], x[3], (mni_four){0, 4, 1, 5});
-    mni_four c = __builtin_shuffle(x[0], x[1], (mni_four){2, 6, 3, 7});
-    mni_four d = __builtin_shuffle(x[2], x[3], (mni_four){2, 6, 3, 7});
-    four.v[0] = __builtin_shuffle(a, b, (mni_four){0, 1, 4, 5});
-    four.v[1] = __builtin_shuffle(a, b, (mni_four){2, 3, 6, 7});
-    four.v[2] = __builtin_shuffle(c, d, (mni_four){0, 1, 4, 5});
-    four.killed = __builtin_shuffle(c, d, (mni_four){2, 3, 6, 7});
+    mni_four a = __builtin_shufflevector(x[0], x[1], 0, 4, 1, 5);
+    mni_four b = __builtin_shufflevector(x[2], x[3], 0, 4, 1, 5);
+    mni_four c = __builtin_shufflevector(x[0], x[1], 2, 6, 3, 7);
+    mni_four d = __builtin_shufflevector(x[2], x[3], 2, 6, 3, 7);
+    four.v[0] = __builtin_shufflevector(a, b, 0, 1, 4, 5);
+    four.v[1] = __builtin_shufflevector(a, b, 2, 3, 6, 7);
+    four.v[2] = __builtin_shufflevector(c, d, 0, 1, 4, 5);
+    four.killed = __builtin_shufflevector(c, d, 2, 3, 6, 7);
     return four;
 }
 

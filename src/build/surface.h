@@ -111,13 +111,14 @@ typedef struct mni_wheel {
 
 /* v's list as a wheel; drops the dead ones. False: it is longer, or holds a hinge. */
 bool mni_surface_wheel(mni_surface *surface, uint32_t v, mni_wheel *wheel);
+
 /* Four numbers side by side, which every machine that there is has registers for. */
 typedef uint32_t mni_four __attribute__((vector_size(16)));
 
 /* Which of four lanes are all ones, as bits. */
 static inline uint32_t mni_four_bits(const mni_four *lanes) {
     const mni_four bit = *lanes & (mni_four){1, 2, 4, 8};
-    const mni_four pair = bit | __builtin_shuffle(bit, (mni_four){2, 3, 0, 1});
+    const mni_four pair = bit | __builtin_shufflevector(bit, bit, 2, 3, 0, 1);
     return pair[0] | pair[1];
 }
 
@@ -129,7 +130,7 @@ static inline uint32_t mni_wheel_find(const uint32_t *list, uint32_t count, uint
     mni_four found = ((mni_four)(at[0] == v) & bit) | ((mni_four)(at[1] == v) & (bit << 4));
     if (count > 8)
         found |= ((mni_four)(at[2] == v) & (bit << 8)) | ((mni_four)(at[3] == v) & (bit << 12));
-    found |= __builtin_shuffle(found, (mni_four){2, 3, 0, 1});
+    found |= __builtin_shufflevector(found, found, 2, 3, 0, 1);
     return (uint32_t)__builtin_ctz(found[0] | found[1] | 1u << MNI_WHEEL_MAX);
 }
 
