@@ -22,7 +22,8 @@
  * then on: no point of the input beneath it is farther from the node than that, wherever else its
  * triangles' corners go. (A point alone is part of any star.)
  *
- * Order of calls: open, add and late in the order of cells, finish, close. One thread at a time.
+ * Order of calls: open; add in the order of cells; put, all parcels; late, in the order of cells;
+ * finish, close. One thread at a time.
  * Memory: a buffer; in finish 28 bytes a late collapse, and sorts. */
 #ifndef MNI_ASIDE_H
 #define MNI_ASIDE_H

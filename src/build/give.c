@@ -227,7 +227,7 @@ static uint32_t next_tile(const giver *g) {
     return tile;
 }
 
-/* By tile, and in each as they were put, which is by number: a digit at a time, from the lowest on
+/* By tile, and in each as they were put, which is by number: a digit at a time, up to the highest
  * in which any two differ. other: as long as the list. */
 static void sort_by_tile(list *l, uint64_t *other) {
     uint64_t *from = l->item, *to = other, differ = 0;

@@ -253,25 +253,28 @@ mn_code mni_tiles_take(mni_tiles *t, mni_crate *c, mn_status *st) {
 
 /* ---- without simplices ---------------------------------------------------------------------- */
 
+/* Where a parcel lies. */
+typedef struct place {
+    uint64_t at;
+    mni_parcel head;
+} place;
+
 typedef struct shedding {
     mn_code (*take)(void *context, const mni_parcel *head, const unsigned char *simplices,
                     mn_status *st);
     void *context;
-    struct place {
-        uint64_t at;
-        mni_parcel head;
-    } * place; /* of a tile's parcels */
+    place *place; /* of a tile's parcels */
     unsigned char *simplices;
     size_t room; /* for them */
     mn_status *st;
 } shedding;
 
 static int by_head(const void *a, const void *b) {
-    const struct place *x = a, *y = b;
+    const place *x = a, *y = b;
     return x->head.source < y->head.source ? -1 : x->head.source > y->head.source;
 }
 
-static mn_code shed_parcel(mni_tiles *t, const struct place *p, shedding *s) {
+static mn_code shed_parcel(mni_tiles *t, const place *p, shedding *s) {
     const uint64_t at = p->at + sizeof p->head + p->head.ids_bytes + p->head.vertices_bytes;
     if (p->head.simplices_bytes > s->room) {
         mni_mem_give(s->simplices);
@@ -291,7 +294,7 @@ static mn_code shed_tile(mni_tiles *t, mni_tile *tile, shedding *s) {
     if (s->place == NULL)
         return no_memory(s->st);
     for (uint32_t i = 0; i < tile->parcels && code == MN_OK; i++) {
-        struct place *p = &s->place[i];
+        place *p = &s->place[i];
         p->at = at;
         code = read_back(t, at, (unsigned char *)&p->head, sizeof p->head);
         at = p->head.before;

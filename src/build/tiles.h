@@ -14,6 +14,7 @@
  * fits the buffer stays in memory.
  *
  *   open ── put … ── finish ── take each cell, once ── close
+ *                            └ shed: cells without simplices ┘
  *
  * Puts and takes may come from any thread, and may block on the disk. Which tile, which cell: from
  * samples and counts alone. Memory: the buffer, and 48 bytes a tile. */

@@ -8,8 +8,7 @@
  *                   has a lower one.
  *   split pass      wanted nodes, largest error first (in a large front with room and no budget to
  *                   within half a doubling, there by place), each with the chain of neighbours that
- *                   must split before it. A chain is found by splitting, and undone in reverse when
- *                   it cannot be carried out whole. Children that are wanted join the agenda.
+ *                   must split before it (chain.h). Children that are wanted join the agenda.
  *   rounds          in a long frame what it has missed is read meanwhile, and tried again
  *   early splits    what the camera, extrapolated, will want three frames on, while there is room,
  *                   and until the frame has done more than frames usually do
@@ -553,7 +552,7 @@ static void missed_first(mni_navigator *nav) {
 }
 
 /* Who has had his last turn. */
-static void missed_count(mni_navigator *nav) {
+static void count_missed(mni_navigator *nav) {
     for (uint32_t i = 0; i < nav->missed_count; i++) {
         mni_trace_lacks(nav->missed[i].block_id);
         refuse(nav, nav->missed[i].item.key, MNI_MISS);
@@ -766,7 +765,7 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     split_pass(nav);
     if (nav->looks_ahead)
         look_forward(nav);
-    missed_count(nav);
+    count_missed(nav);
     nav->moved = moved;
 }
 

@@ -1,11 +1,12 @@
 /* The pool, Navigate's side: which switches are allowed, what they take, and the end of a frame.
  * See pool.h for threads and memory.
  *
- * Attempts. A split with the splits forced by it is carried out whole or not at all: Navigate takes
- * its blocks into use one after the other (enter), and when one is absent or refused it gives back
- * those it has (leave). So the asks between two leaves are one attempt. If a block of it is absent
- * and none is refused, it stands: what it gives back is granted, and stays until it is not asked
- * for again. If one is refused, the chain is given up, and what it gives back goes.
+ * Attempts. Navigate takes the blocks of a split, and of the splits forced by it, into use one
+ * after the other (enter). When one is absent or refused it gives back those it has (leave), or
+ * what it has split stays, and they stay in use (chain.c); either way the attempt ends there, and
+ * the asks up to then are one. If a block of it is absent and none is refused, it stands: what it
+ * gives back is granted, and stays until it is not asked for again. If one is refused, the chain is
+ * given up, and what it gives back goes.
  *
  * The rules (design.md §4, repairs a and b), with K the place holders in service, U the blocks in
  * use, A the ancestor table and G the grants not in use:
