@@ -42,8 +42,9 @@ typedef struct mni_extmesh {
 typedef struct mni_extmesh_desc {
     uint32_t position_bits; /* of the grid, as in mn_mesh_quantise: mni_grid_bits has looked at it;
                                0: positions stay where they are, in their own unit */
-    uint64_t work_bytes;    /* at least MNI_EXTMESH_WORK_MIN: all that is taken, the reader's own
-                               buffers and 50 kB of structs apart */
+    uint64_t work_bytes;    /* at least MNI_EXTMESH_WORK_MIN: all that is taken, and of much no more
+                               than the file can use; the reader's own buffers and 50 kB of structs
+                               apart */
     mni_cap cap;            /* work_bytes is of it: for the number that a refusal names */
     const char *temp_dir;   /* outlives the mesh */
     mn_watch watch;         /* of what comes after reading; zero: nobody */

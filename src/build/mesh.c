@@ -203,7 +203,11 @@ static bool read_source(const char *path, mni_source *source, const mn_read_desc
         ok = intake != NULL && push(path, kind, openmesh, source, desc, intake) &&
              mni_intake_finish(intake, out);
     } else {
-        x = mni_extintake_open(external, desc, soup, source->name, source->st);
+        const uint64_t most = 16 * source->size + (64 << 20); /* more is not used */
+        mni_extmesh_desc bounded = *external;
+        if (bounded.work_bytes > most)
+            bounded.work_bytes = most;
+        x = mni_extintake_open(&bounded, desc, soup, source->name, source->st);
         intake = x != NULL ? mni_intake_open_to(x, soup, source->name, source->st) : NULL;
         ok = intake != NULL && push(path, kind, openmesh, source, desc, intake) &&
              mni_extintake_finish(x, out_external);

@@ -284,9 +284,9 @@ static mn_code read_phase(maker *m) {
         code = mni_in_open(&in, m->in, m->st);
     if (code != MN_OK)
         return code;
-    uint64_t in_bytes = in.size_bytes, most = 16 * in_bytes + (64 << 20); /* more is not used */
+    const uint64_t in_bytes = in.size_bytes;
     mni_in_close(&in);
-    uint64_t work = m->work_bytes > 0 && m->work_bytes < most ? m->work_bytes : most;
+    uint64_t work = m->work_bytes > 0 ? m->work_bytes : UINT64_MAX;
     if (m->read.reader == MN_READER_OPENMESH && m->work_bytes > 0) { /* its process counts too */
         const uint64_t helper = mni_openmesh_bytes(m->in);
         work = work > helper + MNI_EXTMESH_WORK_MIN ? work - helper : MNI_EXTMESH_WORK_MIN;

@@ -9,6 +9,9 @@
 #include "simplify.h"
 #include "walk.h"
 
+/* The largest shares of what is compared in are sorts, of 32 bytes a simplex on both sides. */
+enum { MOST_EACH_BYTES = 512 };
+
 typedef struct verifier {
     const mn_verify_desc *desc;
     mn_watch watch;
@@ -58,7 +61,11 @@ static mn_code compare(verifier *v) {
                        "%s: %.1f MB of memory are too few to compare it in: try --ram %lluM",
                        v->file.path, (double)ram / (1 << 20),
                        (unsigned long long)((MNI_PROGRAM_BYTES + least) >> 20) + 1);
-    const uint64_t work = ram > 0 ? ram - MNI_PROGRAM_BYTES : UINT64_C(256) << 20;
+    const mn_tree *t = &v->file.head;
+    const uint64_t most = /* more is not used */
+        MOST_EACH_BYTES * ((uint64_t)t->leaves + t->simplices) + (64 << 20);
+    uint64_t work = ram > 0 ? ram - MNI_PROGRAM_BYTES : UINT64_C(256) << 20;
+    work = work < most ? work : most > least ? most : least;
     const mni_walk_desc desc = {.ram_bytes = ram,
                                 .held_bytes = work - work / MNI_AGAINST_FREE_SHARE,
                                 .watch = &v->watch,
