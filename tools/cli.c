@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <float.h>
 #include <libgen.h>
+#include <limits.h>
 #include <math.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -17,12 +18,14 @@
 #include <unistd.h>
 
 int cli_error(mn_code code, const char *format, ...) {
+    char line[8192];
     va_list args;
     va_start(args, format);
-    fputs("metanode: ", stderr);
-    vfprintf(stderr, format, args);
-    fputc('\n', stderr);
+    vsnprintf(line, sizeof line, format, args);
     va_end(args);
+    for (char *c = line; *c != '\0'; c++) /* one line, whatever a file is called */
+        *c = (unsigned char)*c < ' ' || *c == 127 ? '?' : *c;
+    fprintf(stderr, "metanode: %s\n", line);
     return (int)code;
 }
 
@@ -220,6 +223,31 @@ void cli_interrupts_catch(void) {
     catch_unless_ignored(SIGINT);
     catch_unless_ignored(SIGTERM);
     catch_unless_ignored(SIGHUP);
+}
+
+/* One file, by whatever name; of files that are not there yet: one name in one folder. */
+static bool is_same_file(const char *a, const char *b) {
+    struct stat of_a, of_b;
+    const bool is_a = stat(a, &of_a) == 0, is_b = stat(b, &of_b) == 0;
+    bool is_same = is_a && is_b;
+    if (!is_a && !is_b) {
+        char folder_a[PATH_MAX], folder_b[PATH_MAX], name_a[PATH_MAX], name_b[PATH_MAX];
+        snprintf(folder_a, sizeof folder_a, "%s", a);
+        snprintf(folder_b, sizeof folder_b, "%s", b);
+        snprintf(name_a, sizeof name_a, "%s", a);
+        snprintf(name_b, sizeof name_b, "%s", b);
+        is_same = strcmp(basename(name_a), basename(name_b)) == 0 &&
+                  stat(dirname(folder_a), &of_a) == 0 && stat(dirname(folder_b), &of_b) == 0;
+    }
+    return is_same && of_a.st_dev == of_b.st_dev && of_a.st_ino == of_b.st_ino;
+}
+
+mn_code cli_outputs_differ(const char *command, const char *option, const char *out,
+                           const char *other_option, const char *other) {
+    if (out == NULL || other == NULL || !is_same_file(out, other))
+        return MN_OK;
+    return (mn_code)cli_error(MN_USAGE, "%s: %s and %s are one file; name another", command, option,
+                              other_option);
 }
 
 mn_code cli_output(const char *command, const char *out, const char *in) {

@@ -106,6 +106,9 @@ int cli_interrupted(void); /* by which signal; 0: by none */
 /* MN_USAGE, and said, where the output is the input, by whatever name, or link; or "-", which means
  * standard output elsewhere. Either may be NULL. */
 mn_code cli_output(const char *command, const char *out, const char *in);
+/* MN_USAGE, and said, where two options name one output. Either output may be NULL. */
+mn_code cli_outputs_differ(const char *command, const char *option, const char *out,
+                           const char *other_option, const char *other);
 /* MN_FAILED, and said, where the output could not be made: before an hour of work, not after. */
 mn_code cli_output_possible(const char *out);
 /* The text as one word of a shell's, quoted where it must be; cut where it does not fit. */

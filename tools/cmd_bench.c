@@ -52,8 +52,12 @@ int cmd_bench(int argc, char **argv) {
         usage(stdout);
         return MN_OK;
     }
+    static char name[32]; /* as it is typed, in the lines that name a --help */
     for (const cli_command *b = benches; b->name != NULL; b++)
-        if (strcmp(argv[1], b->name) == 0)
+        if (strcmp(argv[1], b->name) == 0) {
+            snprintf(name, sizeof name, "bench %s", b->name);
+            argv[1] = name;
             return b->run(argc - 1, argv + 1);
+        }
     return cli_error(MN_USAGE, "no bench '%s'; metanode bench --help lists them", argv[1]);
 }

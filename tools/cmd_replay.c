@@ -151,9 +151,9 @@ static bool parse(replay *r, int argc, char **argv, int *code) {
     const char *const outputs[] = {r->csv_name, r->path_out};
     for (int i = 0; i < 2 && *code == MN_OK; i++)
         *code = session_options_output(&r->options, argv[0], outputs[i]);
-    if (*code == MN_OK && r->csv_name != NULL && r->options.desc.trace_path != NULL &&
-        strcmp(r->csv_name, r->options.desc.trace_path) == 0)
-        *code = cli_error(MN_USAGE, "replay: --csv and --trace are one file; name another");
+    if (*code == MN_OK)
+        *code = cli_outputs_differ(argv[0], "--csv", r->csv_name, "--trace",
+                                   r->options.desc.trace_path);
     return *code == MN_OK;
 }
 
@@ -170,8 +170,11 @@ static mn_code csv_open(replay *r, mn_status *st) {
 static mn_code images_open(replay *r, mn_status *st) {
     const mn_session_desc *d = &r->options.desc;
     if (r->images_dir != NULL && mkdir(r->images_dir, 0777) != 0 && errno != EEXIST)
-        return mn_fail(st, MN_FAILED, "--images %s: cannot be made: %s", r->images_dir,
-                       strerror(errno));
+        return mn_fail(
+            st, MN_FAILED,
+            "--images %s: cannot be made: %s; name a directory in one that is there, and "
+            "can be written",
+            r->images_dir, strerror(errno));
     return picture_open(&r->picture, r->session, d->width_px, d->height_px, st);
 }
 

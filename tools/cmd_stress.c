@@ -502,11 +502,11 @@ static int tell_wrong(const options *o, uint64_t seed, const char *wrong) {
         snprintf(k, sizeof k, " -K %llu", (unsigned long long)o->k);
     if (o->io > 0)
         snprintf(io, sizeof io, " --io %s", ios[o->io - 1]);
-    return cli_error(MN_FAILED,
-                     "stress: seed %llu: %s\n"
-                     "  again: metanode stress %s --seed %llu --runs 1 --frames %llu%s%s",
-                     (unsigned long long)seed, wrong, cli_shell_word(o->path, path, sizeof path),
-                     (unsigned long long)seed, (unsigned long long)o->frames, k, io);
+    const int code = cli_error(MN_FAILED, "stress: seed %llu: %s", (unsigned long long)seed, wrong);
+    fprintf(stderr, "  again: metanode stress %s --seed %llu --runs 1 --frames %llu%s%s\n",
+            cli_shell_word(o->path, path, sizeof path), (unsigned long long)seed,
+            (unsigned long long)o->frames, k, io);
+    return code;
 }
 
 static int go(const options *o) {

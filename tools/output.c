@@ -51,7 +51,10 @@ mn_code output_open(output *o, const char *what, const char *name, mn_status *st
         close(fd);
     free(o->path);
     o->path = NULL;
-    return mn_fail(st, MN_FAILED, "%s %s: cannot be written: %s", what, name, strerror(error));
+    return mn_fail(st, MN_FAILED,
+                   "%s %s: cannot be written: %s; name a file in a directory that is there, and "
+                   "can be written",
+                   what, name, strerror(error));
 }
 
 mn_code output_good(const output *o, mn_status *st) {

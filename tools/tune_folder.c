@@ -190,8 +190,10 @@ mn_code tune_folder_open(tune *t, mn_status *st) {
     if (code != MN_OK)
         return code;
     if (mkdir(folder, 0777) != 0 && errno != EEXIST)
-        return mn_fail(st, mn_code_of_write(errno), "%s: cannot be made: %s", folder,
-                       strerror(errno));
+        return mn_fail(st, mn_code_of_write(errno),
+                       "%s: cannot be made: %s; name a directory in one that is there, and can be "
+                       "written",
+                       folder, strerror(errno));
     if (tune_file_name(t, "tune.txt", path, sizeof path) < 0)
         return mn_fail(st, MN_USAGE, "%.80s…: too long a name", folder);
     if (access(path, F_OK) != 0 && !is_empty(folder))

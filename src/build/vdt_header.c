@@ -106,7 +106,11 @@ bool mni_vdt_header_has_colors(const mni_vdt_header *h) {
 static mn_code check(const mni_vdt_header *h, uint64_t size_bytes, const char *path,
                      mn_status *st) {
     FIELD(h->header_bytes == sizeof *h, "header_bytes");
-    FIELD(h->file_bytes == size_bytes, "file_bytes (not the file's size)");
+    if (h->file_bytes != size_bytes)
+        return mn_fail(st, MN_BAD_INPUT,
+                       "%s: header: file_bytes is %llu, the file has %llu: copy it whole, or "
+                       "simplify again",
+                       path, (unsigned long long)h->file_bytes, (unsigned long long)size_bytes);
     FIELD(h->leaves >= 1 && h->leaves <= 1u << 31, "leaves");
     FIELD(h->roots >= 1 && h->roots <= h->leaves, "roots");
     FIELD(h->inner == h->leaves - h->roots, "inner");
@@ -162,8 +166,10 @@ mn_code mni_vdt_read(const mni_in *in, const char *path, uint64_t offset, void *
     if (got < 0)
         return mn_fail(st, MN_FAILED, "%s: %s: cannot read: %s", path, what, strerror((int)-got));
     if ((uint64_t)got != count)
-        return mn_fail(st, MN_BAD_INPUT, "%s: %s: the file ends after %llu of %llu bytes", path,
-                       what, (unsigned long long)got, (unsigned long long)count);
+        return mn_fail(st, MN_BAD_INPUT,
+                       "%s: %s: the file ends after %llu of %llu bytes; copy it whole, or "
+                       "simplify again",
+                       path, what, (unsigned long long)got, (unsigned long long)count);
     return MN_OK;
 }
 

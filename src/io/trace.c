@@ -298,7 +298,10 @@ mn_code mni_trace_open(const char *path, const mn_trace_info *info, mni_trace **
     strncpy(t->path, path, sizeof t->path - 1);
     t->fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
     if (t->fd < 0)
-        code = mn_fail(st, MN_FAILED, "trace %s: cannot be written: %s", path, strerror(errno));
+        code = mn_fail(st, MN_FAILED,
+                       "trace %s: cannot be written: %s; name a file in a directory that is there, "
+                       "and can be written",
+                       path, strerror(errno));
     if (code == MN_OK) {
         write_head(t, info);
         code = t->is_virtual ? MN_OK : start(t, st);

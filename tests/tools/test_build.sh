@@ -178,6 +178,11 @@ expect 3 replay cut.mnt --path orbit
 says 'ends after 0 bytes of 4096; copy it whole, or make one with metanode build'
 expect 3 replay a.vdt --path orbit
 says 'is a .vdt, not a .mnt yet: .*metanode block'
+for bytes in 100 5000; do # within the header, and after it
+    head -c $bytes a.vdt >cut.vdt
+    expect 3 block cut.vdt -o x.mnt
+    says "after $bytes of [0-9]* bytes; copy it whole, or simplify again\|has $bytes: copy it whole, or simplify again"
+done
 cp a.mnt torn.mnt
 printf 'x' | dd of=torn.mnt bs=1 seek=$(($(wc -c <a.mnt) - 6000)) conv=notrunc 2>dd.txt
 expect 0 info torn.mnt # the header alone is read

@@ -139,6 +139,31 @@ expect 0 trace t.trace --to csv --from-frame 5 -o -
 grep -q ',frame_begin,\|,frame' out.txt || fail "no rows on standard output: $(head -n 2 out.txt)"
 [ -e ./- ] && fail "a file named -"
 
+# --- two options that name one output, whether it is there yet or not; folders that are not there
+for trial in new there; do
+    expect 2 replay a.mnt --path orbit --frames 2 --fps 0 --csv one --trace ./one
+    says 'replay: --csv and --trace are one file'
+    expect 2 shoot a.mnt --trace "$PWD/one" -o one
+    says 'shoot: -o and --trace are one file'
+    [ $trial = there ] || echo old >one
+done
+[ "$(cat one)" = old ] || fail "an output that two options name was written"
+for option in --csv --trace --write-path; do
+    expect 1 replay a.mnt --path orbit --frames 2 --fps 0 $option no/such
+    says 'no/such: cannot be written: .*name a file in a directory that is there'
+done
+expect 1 replay a.mnt --path orbit --frames 2 --fps 0 --images no/such
+says 'no/such: cannot be made: .*name a directory in one that is there'
+
+# --- an error is one line whatever a file is called, and names a --help that is there
+expect 3 info "two
+lines.mnt"
+says 'two?lines.mnt: cannot open'
+for bench in adapt draw error simplify; do
+    expect 2 bench $bench --nonsense
+    says "bench $bench: unknown option --nonsense; see metanode bench $bench --help"
+done
+
 # --- outputs stand there whole, or as they were
 echo old >t.csv
 expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --csv t.csv
