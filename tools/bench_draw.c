@@ -60,7 +60,7 @@ static mn_code run_path(const session_options *o, const char *name, figures *f, 
     if (code == MN_OK)
         code = mn_path_open(name, mn_session_header(session), o->fov_y_deg, &path, st);
     if (code == MN_OK)
-        code = picture_open(&p, session, o->desc.width_px, o->desc.height_px, st);
+        code = picture_open(&p, session, o->desc.width_px, o->desc.height_px, false, st);
     for (uint32_t i = 0; i < o->frames && code == MN_OK; i++) {
         mn_camera camera;
         mn_path_camera(path, i, o->frames, &camera);

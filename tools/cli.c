@@ -316,7 +316,7 @@ uint64_t cli_file_bytes(const char *path) {
     return stat(path, &about) == 0 ? (uint64_t)about.st_size : 0;
 }
 
-static uint64_t rss_bytes(void) {
+uint64_t cli_rss_bytes(void) {
     char text[128];
     int fd = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
     ssize_t n = fd >= 0 ? read(fd, text, sizeof text - 1) : -1;
@@ -353,7 +353,7 @@ bool cli_progress(void *context, const char *phase, uint64_t done, uint64_t tota
         fprintf(stderr, "  %.0f/s", rate);
     if (rate > 0 && total > 0)
         fprintf(stderr, "  %.0f s left", total > done ? (double)(total - done) / rate : 0);
-    fprintf(stderr, "  %.1f MB \033[K", (double)rss_bytes() / 1048576);
+    fprintf(stderr, "  %.1f MB \033[K", (double)cli_rss_bytes() / 1048576);
     return true;
 }
 

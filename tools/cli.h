@@ -125,12 +125,19 @@ static inline const char *cli_s(uint64_t count) {
 
 /* What a clock says: CLOCK_MONOTONIC, CLOCK_THREAD_CPUTIME_ID, ... */
 double cli_seconds(clockid_t clock);
-/* Peak resident set of this process, bytes. */
+/* Resident set of this process, bytes: now; at its peak. Nothing is allocated for it. */
+uint64_t cli_rss_bytes(void);
 uint64_t cli_rss_peak_bytes(void);
 
 /* malloc and its kin, counted (alloc_count.c): how many calls since the last cli_alloc_mark by the
  * whole process, its libraries included. 0 always under a sanitizer, whose malloc is its own. */
 void cli_alloc_mark(void);
-uint64_t cli_alloc_since_mark(void);
+uint64_t cli_alloc_since_mark(void);        /* without those below */
+uint64_t cli_alloc_theirs_since_mark(void); /* of the GL module and of what it loads */
+/* Main thread, before the module is loaded: threads that come later are the module's. Once told, it
+ * is so. */
+void cli_alloc_threads_are_ours(void);
+/* Main thread: what it allocates from now on is the module's, or is not. */
+void cli_alloc_theirs(bool inside);
 
 #endif

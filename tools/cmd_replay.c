@@ -175,7 +175,7 @@ static mn_code images_open(replay *r, mn_status *st) {
             "--images %s: cannot be made: %s; name a directory in one that is there, and "
             "can be written",
             r->images_dir, strerror(errno));
-    return picture_open(&r->picture, r->session, d->width_px, d->height_px, st);
+    return picture_open(&r->picture, r->session, d->width_px, d->height_px, r->compared, st);
 }
 
 static mn_code open_path(replay *r, mn_status *st) {
@@ -383,6 +383,7 @@ static void finish(replay *r) {
     replay_figures *f = &r->figures;
     mn_session_drain(r->session);
     f->allocations_after_seal = cli_alloc_since_mark();
+    f->gl_allocations = cli_alloc_theirs_since_mark();
     f->has_gl = r->picture.gl != NULL;
     f->gl_rss_bytes = r->picture.load.rss_bytes;
     f->rss_peak_bytes = f->has_gl ? r->picture.load.own_peak_bytes : cli_rss_peak_bytes();

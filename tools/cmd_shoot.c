@@ -141,7 +141,7 @@ static mn_code take(const shoot *s, const mn_camera *camera, mn_session *session
                     mn_status *st) {
     const mn_session_desc *desc = &s->session.desc;
     mn_frame_stats stats;
-    mn_code code = picture_open(p, session, desc->width_px, desc->height_px, st);
+    mn_code code = picture_open(p, session, desc->width_px, desc->height_px, false, st);
     if (code != MN_OK)
         return code;
     const uint32_t settle_frames = mn_session_settle(session, camera, SETTLE_FRAMES_MAX);

@@ -355,7 +355,7 @@ static bool busy(const viewer *v) {
 
 static void set_title(viewer *v, double now) {
     char text[256], speed[32] = "still";
-    const uint64_t rss = gl_load_rss_bytes();
+    const uint64_t rss = cli_rss_bytes();
     const int64_t ours = (int64_t)rss - v->load.held_bytes;
     const char *slash = strrchr(v->options.desc.path, '/');
     if (busy(v))

@@ -13,27 +13,18 @@
 
 #define MODULE "metanode-gl.so"
 
-uint64_t gl_load_rss_bytes(void) {
-    unsigned long long pages = 0;
-    FILE *f = fopen("/proc/self/statm", "re");
-    if (f == NULL)
-        return 0;
-    if (fscanf(f, "%*u %llu", &pages) != 1)
-        pages = 0;
-    fclose(f);
-    return pages * (uint64_t)sysconf(_SC_PAGESIZE);
-}
-
 uint64_t gl_load_enter(gl_load *load) {
-    const uint64_t now = gl_load_rss_bytes();
+    const uint64_t now = cli_rss_bytes();
     const int64_t own = (int64_t)now - load->held_bytes;
     if (own > (int64_t)load->own_peak_bytes)
         load->own_peak_bytes = (uint64_t)own;
+    cli_alloc_theirs(true);
     return now;
 }
 
 void gl_load_leave(gl_load *load, uint64_t entered) {
-    load->held_bytes += (int64_t)(gl_load_rss_bytes() - entered); /* a driver gives back, too */
+    cli_alloc_theirs(false);
+    load->held_bytes += (int64_t)(cli_rss_bytes() - entered); /* a driver gives back, too */
     if (load->held_bytes > (int64_t)load->rss_bytes)
         load->rss_bytes = (uint64_t)load->held_bytes;
 }
@@ -63,9 +54,11 @@ mn_code gl_load_module(gl_load *load, mn_status *st) {
         return MN_OK;
     char path[PATH_MAX];
     load->own_peak_bytes = cli_rss_peak_bytes();
-    const uint64_t entered = gl_load_enter(load);
     module_path(path);
+    cli_alloc_threads_are_ours();
+    const uint64_t entered = gl_load_enter(load);
     load->module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    gl_load_leave(load, entered);
     if (load->module == NULL)
         return mn_fail(st, MN_NO_GRAPHICS,
                        "no graphics: cannot load " MODULE
@@ -76,6 +69,5 @@ mn_code gl_load_module(gl_load *load, mn_status *st) {
         return mn_fail(st, MN_NO_GRAPHICS, "no graphics: %s is of another version of metanode",
                        path);
     load->api = api;
-    gl_load_leave(load, entered);
     return MN_OK;
 }

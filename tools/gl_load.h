@@ -16,11 +16,9 @@ typedef struct gl_load { /* zeroed: not loaded */
 /* Loads the module from METANODE_HELPER_DIR, else from beside the program, else from the build
  * tree. MN_NO_GRAPHICS says what was tried. */
 mn_code gl_load_module(gl_load *load, mn_status *st);
-/* Around calls into the module: what the process grew by in between is the module's. */
+/* Around calls into the module: what the process grew by in between is the module's, and so are
+ * allocations (cli_alloc_theirs). */
 uint64_t gl_load_enter(gl_load *load);
 void gl_load_leave(gl_load *load, uint64_t entered);
-
-/* Resident set of this process now. */
-uint64_t gl_load_rss_bytes(void);
 
 #endif

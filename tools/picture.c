@@ -18,7 +18,7 @@ void picture_desc(const mn_session *session, uint32_t width, uint32_t height, mn
 }
 
 mn_code picture_open(picture *p, const mn_session *session, uint32_t width, uint32_t height,
-                     mn_status *st) {
+                     bool reads, mn_status *st) {
     mn_gl_desc desc;
     mn_code code = gl_load_module(&p->load, st);
     if (code != MN_OK)
@@ -26,6 +26,10 @@ mn_code picture_open(picture *p, const mn_session *session, uint32_t width, uint
     picture_desc(session, width, height, &desc);
     const uint64_t entered = gl_load_enter(&p->load);
     code = p->load.api->offscreen_open(&desc, &p->gl, st);
+    if (code == MN_OK && reads)
+        p->pixels = malloc(4 * (size_t)width * height);
+    if (code == MN_OK && reads && p->pixels == NULL)
+        code = mn_fail(st, MN_FAILED, "no memory for a picture of %u x %u", width, height);
     gl_load_leave(&p->load, entered);
     return code;
 }
@@ -61,11 +65,7 @@ mn_code picture_rgb(picture *p, const uint8_t **rgb, uint32_t *width, uint32_t *
     const uint64_t entered = gl_load_enter(&p->load);
     p->load.api->size(p->gl, width, height);
     const size_t count = (size_t)*width * *height;
-    if (p->pixels == NULL)
-        p->pixels = malloc(4 * count);
-    mn_code code = p->pixels != NULL ? p->load.api->pixels(p->gl, p->pixels, st)
-                                     : mn_fail(st, MN_FAILED, "no memory for a picture of %u x %u",
-                                               *width, *height);
+    const mn_code code = p->load.api->pixels(p->gl, p->pixels, st);
     if (code == MN_OK)
         drop_alpha(p->pixels, count);
     gl_load_leave(&p->load, entered);

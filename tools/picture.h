@@ -7,15 +7,16 @@
 typedef struct picture { /* zeroed: not open */
     gl_load load;        /* load.rss_bytes is gl_rss_bytes */
     mn_gl *gl;
-    uint8_t *pixels; /* of picture_rgb */
+    uint8_t *pixels; /* of picture_rgb; NULL: it is not called */
 } picture;
 
 /* What a renderer must know of a session before it starts. */
 void picture_desc(const mn_session *session, uint32_t width, uint32_t height, mn_gl_desc *out);
 /* Loads the module and makes a picture of that size for the session's fronts. After the session is
- * open, so that the driver's memory is not taken for the session's. MN_NO_GRAPHICS and its like. */
+ * open, so that the driver's memory is not taken for the session's. reads: with room for
+ * picture_rgb, which allocates nothing then. MN_NO_GRAPHICS and its like. */
 mn_code picture_open(picture *p, const mn_session *session, uint32_t width, uint32_t height,
-                     mn_status *st);
+                     bool reads, mn_status *st);
 /* Draws the session's front as the camera sees it. */
 mn_code picture_draw(picture *p, const mn_session *session, const mn_camera *camera,
                      const mn_gl_look *look, mn_status *st);

@@ -67,7 +67,7 @@ typedef struct other {
 static mn_code open_other(other *o, const mn_session_desc *desc, bool from_settled, mn_status *st) {
     mn_code code = mn_session_open(desc, &o->session, st);
     if (code == MN_OK)
-        code = picture_open(&o->picture, o->session, desc->width_px, desc->height_px, st);
+        code = picture_open(&o->picture, o->session, desc->width_px, desc->height_px, true, st);
     o->theirs = malloc(3 * (size_t)desc->width_px * desc->height_px);
     if (code == MN_OK && o->theirs == NULL)
         code = mn_fail(st, MN_FAILED, "--reference: no memory for a picture");

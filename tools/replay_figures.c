@@ -260,9 +260,11 @@ void figures_json(const replay_figures *f, FILE *out) {
     json_u64(&j, "front_max", f->plan.front_max);
     json_u64(&j, "rss_peak_bytes", f->rss_peak_bytes);
     json_u64(&j, "major_faults", f->major_faults);
-    static const char *const gl_keys[] = {"gl_rss_bytes", "gl_fronts", "gl_sent_bytes"};
-    const uint64_t gl_values[] = {f->gl_rss_bytes, f->gl_fronts, f->gl_sent_bytes};
-    for (int i = 0; i < 3; i++) {
+    static const char *const gl_keys[] = {"gl_rss_bytes", "gl_allocations", "gl_fronts",
+                                          "gl_sent_bytes"};
+    const uint64_t gl_values[] = {f->gl_rss_bytes, f->gl_allocations, f->gl_fronts,
+                                  f->gl_sent_bytes};
+    for (int i = 0; i < 4; i++) {
         if (f->has_gl)
             json_u64(&j, gl_keys[i], gl_values[i]);
         else
@@ -341,11 +343,12 @@ void figures_table(const replay_figures *f, FILE *out) {
                 f->identical, f->compared, mn_psnr_db(f->mean_square_max),
                 mn_psnr_db(mean_of(f->mean_square_sum, f->compared)), f->ssim_min,
                 mean_of(f->ssim_sum, f->compared));
-    fprintf(out, "memory     %.2f MB at the peak", mega(f->rss_peak_bytes));
+    fprintf(out, "memory     %.2f MB at the peak; %" PRIu64 " allocations after the start\n",
+            mega(f->rss_peak_bytes), f->allocations_after_seal);
     if (f->has_gl)
-        fprintf(out, "; GL %.2f MB apart, %.1f kB sent a picture", mega(f->gl_rss_bytes),
+        fprintf(out, "GL, apart  %.2f MB, %" PRIu64 " allocations; %.1f kB sent a picture\n",
+                mega(f->gl_rss_bytes), f->gl_allocations,
                 mean_of((double)f->gl_sent_bytes / 1024, f->gl_fronts));
-    fprintf(out, "; %" PRIu64 " allocations after the start\n", f->allocations_after_seal);
     if (f->has_foldovers)
         fprintf(out, "foldovers  %" PRIu64 ", %" PRIu64 " of them legal\n", f->foldovers,
                 f->foldovers_legal);

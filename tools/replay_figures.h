@@ -41,7 +41,7 @@ typedef struct replay_figures {
     uint64_t start_reads; /* while the session was opened */
     double start_seconds;
     uint64_t settle_frames, foldovers, foldovers_legal, front_hash;
-    uint64_t rss_peak_bytes, gl_rss_bytes, allocations_after_seal;
+    uint64_t rss_peak_bytes, gl_rss_bytes, allocations_after_seal, gl_allocations;
     uint64_t major_faults; /* in frames: pages that the kernel had to read */
     bool settled, back_at_roots, has_gl, has_foldovers;
     mn_store_kind store;

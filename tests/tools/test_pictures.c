@@ -151,6 +151,21 @@ static void check_sent_bytes(void) {
     ck_assert_uint_eq(sum, total);
 }
 
+/* What a driver allocates after the start is told apart: none is ours. */
+static void check_allocations(const char *option, const char *theirs) {
+    char arguments[200];
+    snprintf(arguments, sizeof arguments,
+             "replay ../globe.mnt --path dive --frames 5 --size 64x48 --fps 0 --ram 16M --json "
+             "--csv c.csv --trace t.trace %s",
+             option);
+    run(arguments);
+    const char *const found = strstr(output(), theirs);
+    ck_assert_msg(found != NULL, "%s: %s", option, output());
+    ck_assert_msg(strstr(output(), "\"allocations_after_seal\": 0,") != NULL, "%s: %s", option,
+                  output());
+    ck_assert_msg((strncmp(found + strlen(theirs), "null", 4) != 0) || *option == 0, "%s", option);
+}
+
 START_TEST(replays_with_pictures) {
     if (no_egl)
         return;
@@ -159,6 +174,9 @@ START_TEST(replays_with_pictures) {
     ck_assert_ptr_nonnull(strstr(output(), "\"gl_fronts\": 3,"));
     ck_assert_ptr_nonnull(strstr(output(), "\"gl_sent_bytes\": "));
     check_sent_bytes();
+    check_allocations("", "\"gl_allocations\": null,");
+    check_allocations("--images others", "\"gl_allocations\": ");
+    check_allocations("--reference", "\"gl_allocations\": ");
     static const int there[] = {0, 3, 6}, missing[] = {1, 2, 4, 5, 7};
     char name[96];
     for (int i = 0; i < 3; i++) {
