@@ -4,11 +4,15 @@
 
 #include <stddef.h>
 
+#include "metanode/status.h"
+
 int bench_adapt(int argc, char **argv);
 int bench_draw(int argc, char **argv);
 int bench_error(int argc, char **argv);
 int bench_simplify(int argc, char **argv);
 
+/* Before any is measured: is each a .mnt that could be? */
+mn_code bench_trees_are_there(char **files, int count, mn_status *st);
 /* Binds this process, and what it starts, to the processor it is on: timings then compare. */
 void bench_one_core(void);
 double bench_median(double *values, size_t count); /* sorts them */

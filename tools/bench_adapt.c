@@ -247,6 +247,8 @@ static mn_code measure(const char *file, const options *o, json *j, mn_status *s
 static int report(char **files, int count, const options *o) {
     json j;
     mn_status st = {0};
+    if (bench_trees_are_there(files, count, &st) != MN_OK)
+        return cli_status(&st);
     bench_one_core();
     if (o->json) {
         json_begin(&j, stdout);

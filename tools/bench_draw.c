@@ -131,6 +131,8 @@ int bench_draw(int argc, char **argv) {
         return code;
     json j;
     mn_status st = {0};
+    if (bench_trees_are_there(argv + optind, argc - optind, &st) != MN_OK)
+        return cli_status(&st);
     if (o.json) {
         json_begin(&j, stdout);
         json_open(&j, "runs", '[');

@@ -182,6 +182,11 @@ int bench_error(int argc, char **argv) {
         return code < 0 ? MN_OK : code;
     json j;
     mn_status st = {0};
+    uint64_t vertices, triangles;
+    for (int i = optind; i < argc && st.code == MN_OK; i++) /* before any is measured */
+        mn_mesh_expect(argv[i], &vertices, &triangles, &st);
+    if (st.code != MN_OK)
+        return cli_status(&st);
     if (o.as_json) {
         json_begin(&j, stdout);
         json_open(&j, "files", '[');

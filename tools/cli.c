@@ -1,5 +1,5 @@
 /* See cli.h. */
-#define _GNU_SOURCE /* sigabbrev_np */
+#define _GNU_SOURCE /* sigabbrev_np, O_TMPFILE, mkostemp */
 #include "cli.h"
 
 #include <errno.h>
@@ -262,9 +262,15 @@ mn_code cli_output(const char *command, const char *out, const char *in) {
                               command, out);
 }
 
+const char *cli_write_advice(int error) {
+    return error == EFBIG                           ? "allow larger files (ulimit -f)"
+           : mn_code_of_write(error) == MN_NO_SPACE ? "make room, or write to another disk"
+                                                    : "write to another place";
+}
+
 static mn_code not_written(const char *what, const char *path, mn_status *st) {
-    return mn_fail(st, mn_code_of_write(errno), "%s %s: cannot be written: %s", what, path,
-                   strerror(errno));
+    return mn_fail(st, mn_code_of_write(errno), "%s %s: cannot be written: %s; %s", what, path,
+                   strerror(errno), cli_write_advice(errno));
 }
 
 const char *cli_shell_word(const char *text, char *out, size_t size) {
@@ -295,20 +301,36 @@ mn_code cli_written_all(FILE *file, const char *what, const char *path, mn_statu
     return code;
 }
 
+/* By making one: there are directories which take none whatever their permissions are (/proc). */
+static bool takes_files(const char *folder) {
+    char name[PATH_MAX];
+    int fd = open(folder, O_TMPFILE | O_WRONLY | O_CLOEXEC, 0600);
+    if (fd < 0 && (errno == EOPNOTSUPP || errno == EISDIR) && /* files without names */
+        snprintf(name, sizeof name, "%s/.metanode-XXXXXX", folder) < (int)sizeof name) {
+        fd = mkostemp(name, O_CLOEXEC);
+        if (fd >= 0)
+            unlink(name);
+    }
+    if (fd >= 0)
+        close(fd);
+    return fd >= 0;
+}
+
 mn_code cli_output_possible(const char *out) {
     struct stat about;
     const bool exists = stat(out, &about) == 0;
     if (exists && !S_ISREG(about.st_mode))
         return (mn_code)cli_error(MN_FAILED, "%s: not a regular file; name another output", out);
     char *path = exists ? realpath(out, NULL) : strdup(out); /* a link is followed */
-    const bool possible = path != NULL && access(dirname(path), W_OK | X_OK) == 0;
+    const bool possible = path != NULL && takes_files(dirname(path));
+    const int error = errno;
     free(path);
     if (possible)
         return MN_OK;
-    return (mn_code)cli_error(MN_FAILED,
-                              "%s: cannot create: %s; name a directory that is there, and can be "
-                              "written",
-                              out, strerror(errno));
+    return (mn_code)cli_error(mn_code_of_write(error),
+                              "%s: cannot create: %s; name a directory that is there, can be "
+                              "written and has room",
+                              out, strerror(error));
 }
 
 uint64_t cli_file_bytes(const char *path) {

@@ -109,10 +109,13 @@ mn_code cli_output(const char *command, const char *out, const char *in);
 /* MN_USAGE, and said, where two options name one output. Either output may be NULL. */
 mn_code cli_outputs_differ(const char *command, const char *option, const char *out,
                            const char *other_option, const char *other);
-/* MN_FAILED, and said, where the output could not be made: before an hour of work, not after. */
+/* MN_FAILED or MN_NO_SPACE, and said, where the output could not be made: before an hour of work,
+ * not after. A file is made in its directory for that, without a name where that can be. */
 mn_code cli_output_possible(const char *out);
 /* The text as one word of a shell's, quoted where it must be; cut where it does not fit. */
 const char *cli_shell_word(const char *text, char *out, size_t size);
+/* After a write has failed so: what to do. */
+const char *cli_write_advice(int error);
 /* Right after something was written to the file: MN_OK, or what went wrong. what: the option. */
 mn_code cli_written(FILE *file, const char *what, const char *path, mn_status *st);
 /* The same of what is still buffered; and closes it. */

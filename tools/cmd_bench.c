@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cli.h"
+#include "metanode/format.h"
 
 /* In the order of --help. A measurement adds itself here and to meson.build. */
 static const cli_command benches[] = {
@@ -17,6 +18,13 @@ static const cli_command benches[] = {
     {"simplify", bench_simplify, "collapses a second and quality, against OpenMesh"},
     {NULL, NULL, NULL},
 };
+
+mn_code bench_trees_are_there(char **files, int count, mn_status *st) {
+    mn_header header;
+    for (int i = 0; i < count && st->code == MN_OK; i++)
+        mn_header_read(files[i], &header, st);
+    return st->code;
+}
 
 void bench_one_core(void) {
     cpu_set_t here;

@@ -422,7 +422,7 @@ static mn_code write_path(replay *r, mn_status *st) {
     if (code == MN_OK)
         code = path_record_all(r->path, r->options.frames, r->key_every, r->path_out, st);
     if (code == MN_OK && !r->options.json)
-        printf("%s: %u frames\n", r->path_out, r->options.frames);
+        printf("%s: %u frame%s\n", r->path_out, r->options.frames, cli_s(r->options.frames));
     return code;
 }
 

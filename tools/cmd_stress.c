@@ -433,8 +433,9 @@ static void print_words(const options *o, const sums *s) {
         printf("%s: interrupted before the first run was over\n", o->path);
         return;
     }
-    printf("%s: %llu runs, %llu frames, seeds %llu … %llu, %.1f s\n", o->path,
-           (unsigned long long)s->runs, (unsigned long long)s->frames, (unsigned long long)o->seed,
+    printf("%s: %llu run%s, %llu frame%s, seeds %llu … %llu, %.1f s\n", o->path,
+           (unsigned long long)s->runs, cli_s(s->runs), (unsigned long long)s->frames,
+           cli_s(s->frames), (unsigned long long)o->seed,
            (unsigned long long)(o->seed + s->runs - 1), s->seconds);
     printf("  memory     %u to %u place holders (%u is the least); %llu chunks taken away, %llu "
            "given back\n",
@@ -451,10 +452,10 @@ static void print_words(const options *o, const sums *s) {
            (unsigned long long)s->evictions);
     printf("  trouble    %llu damaged blocks, %llu reads failed\n", (unsigned long long)s->damaged,
            (unsigned long long)s->io_errors);
-    printf("  held       every invariant after every frame; all settled (%u frames at most), came "
+    printf("  held       every invariant after every frame; all settled (%u frame%s at most), came "
            "back to the\n             roots, lost no command and allocated nothing; %llu ran twice "
            "alike\n",
-           s->settle_most, (unsigned long long)s->twice);
+           s->settle_most, cli_s(s->settle_most), (unsigned long long)s->twice);
 }
 
 static void print_json(const options *o, const sums *s, const char *wrong, uint64_t seed) {

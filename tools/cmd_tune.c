@@ -17,8 +17,9 @@ static void say_begin(const tune *t) {
     const uint32_t settings = layouts * o->caps * o->places_count * (o->cross ? o->prefetches : 1);
     if (o->json)
         return;
-    printf("%s: %u layouts, %u settings, %u paths: %u cells, each up to %g s\n", o->in, layouts,
-           settings, o->paths, (settings + 1) * o->paths, (double)o->limit_s);
+    printf("%s: %u layout%s, %u setting%s, %u path%s: %u cells, each up to %g s\n", o->in, layouts,
+           cli_s(layouts), settings, cli_s(settings), o->paths, cli_s(o->paths),
+           (settings + 1) * o->paths, (double)o->limit_s);
     fflush(stdout);
 }
 
@@ -134,7 +135,9 @@ int cmd_tune(int argc, char **argv) {
         cli_interrupts_catch();
         child_signals_hold();
         code = run(t, &st);
-        if (code == MN_FAILED && cli_interrupted() != 0)
+        if (t->is_told)
+            (void)0; /* why, by who failed */
+        else if (code == MN_FAILED && cli_interrupted() != 0)
             cli_error(code, "interrupted; %s keeps what was measured, and the same command goes on",
                       t->o.folder);
         else

@@ -110,9 +110,9 @@ static mn_code open_path(viewer *v, mn_status *st) {
 static mn_code open_all(viewer *v, mn_status *st) {
     mn_session_desc *desc = &v->options.desc;
     mn_gl_desc gl_desc;
-    if (getenv("DISPLAY") == NULL && getenv("WAYLAND_DISPLAY") == NULL)
-        return mn_fail(st, MN_NO_GRAPHICS, "no display (DISPLAY is not set); try metanode shoot");
     mn_code code = open_path(v, st);
+    if (code == MN_OK && getenv("DISPLAY") == NULL && getenv("WAYLAND_DISPLAY") == NULL)
+        code = mn_fail(st, MN_NO_GRAPHICS, "no display (DISPLAY is not set); try metanode shoot");
     if (code == MN_OK)
         code = mn_session_open(desc, &v->session, st);
     if (code == MN_OK)
@@ -198,10 +198,10 @@ static void stop_recording(viewer *v) {
     const uint32_t frames = v->record.frame + 1;
     const bool bad = ferror(v->record.file) != 0;
     if (fclose(v->record.file) != 0 || bad)
-        cli_error(mn_code_of_write(errno), "the path could not be written whole: %s",
-                  strerror(errno));
+        cli_error(mn_code_of_write(errno), "the path could not be written whole: %s; %s",
+                  strerror(errno), cli_write_advice(errno));
     else
-        printf("recorded %u frames\n", frames);
+        printf("recorded %u frame%s\n", frames, cli_s(frames));
     v->record = (path_record){0};
 }
 

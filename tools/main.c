@@ -73,8 +73,9 @@ static int close_output(int code) {
     errno = 0;
     if ((fflush(stdout) == 0 && !ferror(stdout)) || code != MN_OK)
         return code;
-    return cli_error(mn_code_of_write(errno), "standard output could not be written whole: %s",
-                     errno != 0 ? strerror(errno) : "it has failed before");
+    return cli_error(mn_code_of_write(errno), "standard output could not be written whole: %s; %s",
+                     errno != 0 ? strerror(errno) : "it has failed before",
+                     cli_write_advice(errno));
 }
 
 int main(int argc, char **argv) {

@@ -16,8 +16,8 @@
 enum { SELF_NAME_BYTES = 40, TEMP_EXTRA_BYTES = 32 };
 
 static mn_code failed(const output *o, int error, mn_status *st) {
-    return mn_fail(st, mn_code_of_write(error), "%s %s: cannot be written: %s", o->what, o->name,
-                   strerror(error));
+    return mn_fail(st, mn_code_of_write(error), "%s %s: cannot be written: %s; %s", o->what,
+                   o->name, strerror(error), cli_write_advice(error));
 }
 
 /* A regular file, or nothing yet; and no name of something that is open, as /dev/stdout is. */

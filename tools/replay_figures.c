@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "cli.h"
 #include "json.h"
 
 /* ---- distributions --------------------------------------------------------------------------- */
@@ -303,12 +304,15 @@ void figures_plan(const mn_plan *plan, uint32_t block_bytes_max, FILE *out) {
 
 void figures_table(const replay_figures *f, FILE *out) {
     const mn_session_stats *t = &f->totals;
-    fprintf(out, "start      %" PRIu64 " reads, %.3f s\n", f->start_reads, f->start_seconds);
+    fprintf(out, "start      %" PRIu64 " read%s, %.3f s\n", f->start_reads, cli_s(f->start_reads),
+            f->start_seconds);
     if (f->opening_frames > 0)
-        fprintf(out, "opening    %" PRIu64 " frames, %" PRIu64 " reads, %.3f s\n",
-                f->opening_frames, f->opening_reads, f->opening_seconds);
-    fprintf(out, "%-10s %" PRIu64 " frames, %.1f splits and collapses each\n", store_name(f->store),
-            f->frames, mean_of((double)f->adapt, f->frames));
+        fprintf(out, "opening    %" PRIu64 " frame%s, %" PRIu64 " read%s, %.3f s\n",
+                f->opening_frames, cli_s(f->opening_frames), f->opening_reads,
+                cli_s(f->opening_reads), f->opening_seconds);
+    fprintf(out, "%-10s %" PRIu64 " frame%s, %.1f splits and collapses each\n",
+            store_name(f->store), f->frames, cli_s(f->frames),
+            mean_of((double)f->adapt, f->frames));
     fprintf(out, "triangles  %.0f on average, %" PRIu64 " at most\n",
             mean_of((double)f->triangles, f->frames), f->triangles_max);
     fprintf(out, "error      %.2f px (median), %.2f (95 %%), tolerance %.2f\n",
@@ -321,9 +325,10 @@ void figures_table(const replay_figures *f, FILE *out) {
             " collapses waited for a neighbour\n",
             f->refused_front, f->refused_budget, f->refused_pool, f->waits_dependency);
     fprintf(out,
-            "disk       %" PRIu64 " reads, %.1f MB; %" PRIu64 " second chances, %" PRIu64
-            " evictions\n",
-            t->reads, mega(t->read_bytes), t->second_chances, t->evictions);
+            "disk       %" PRIu64 " read%s, %.1f MB; %" PRIu64 " second chance%s, %" PRIu64
+            " eviction%s\n",
+            t->reads, cli_s(t->reads), mega(t->read_bytes), t->second_chances,
+            cli_s(t->second_chances), t->evictions, cli_s(t->evictions));
     if (t->checksum_failures + t->io_errors > 0)
         fprintf(out, "faults     %" PRIu64 " checksums, %" PRIu64 " reads\n", t->checksum_failures,
                 t->io_errors);
@@ -353,6 +358,7 @@ void figures_table(const replay_figures *f, FILE *out) {
         fprintf(out, "foldovers  %" PRIu64 ", %" PRIu64 " of them legal\n", f->foldovers,
                 f->foldovers_legal);
     if (f->settled)
-        fprintf(out, "settled    in %" PRIu64 " frames; %s\n", f->settle_frames,
+        fprintf(out, "settled    in %" PRIu64 " frame%s; %s\n", f->settle_frames,
+                cli_s(f->settle_frames),
                 f->back_at_roots ? "then back at the roots" : "then NOT back at the roots");
 }

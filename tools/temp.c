@@ -159,6 +159,8 @@ static mn_code check(const temp_files *files, uint64_t held_bytes, const char *o
                        strerror(errno));
     const double planned = (double)files->planned_bytes;
     const double left = (double)disk.f_bavail * (double)disk.f_frsize + (double)held_bytes;
+    if (disk.f_blocks == 0) /* it does not say: ramfs; or takes no files, which opening one tells */
+        return MN_OK;
     if (left < planned)
         return mn_fail(
             st, MN_NO_SPACE,

@@ -163,6 +163,7 @@ typedef struct tune {
     tune_options o;
     /* the folder */
     char tree[PATH_MAX]; /* the .vdt, or .mnt, that is cut */
+    bool is_told;        /* what ended it has been said already */
     int stamp_fd, results_fd;
     char program[64], machine[200];
     /* the sweep */

@@ -56,8 +56,8 @@ static mn_code make_tree(tune *t, mn_status *st) {
         code = mn_fail(st, MN_FAILED, "interrupted");
     else if (code == MN_OK && end.code != 0)
         code = mn_fail(st, end.code <= MN_NO_GRAPHICS ? (mn_code)end.code : MN_FAILED,
-                       "%s: its tree could not be made (%s)", t->o.in,
-                       end.says[0] != 0 ? end.says : "see above");
+                       "%s: its tree could not be made (%s)", t->o.in, end.says);
+    t->is_told = end.code > MN_OK && end.code <= MN_NO_GRAPHICS; /* else it was killed */
     child_end_free(&end);
     return code;
 }

@@ -175,8 +175,8 @@ static mn_code agree(tune *t, const char *stamp, mn_status *st) {
     clear(t);
     if (ftruncate(t->stamp_fd, 0) != 0 ||
         pwrite(t->stamp_fd, stamp, strlen(stamp), 0) != (ssize_t)strlen(stamp))
-        return mn_fail(st, mn_code_of_write(errno), "%s/tune.txt: cannot be written: %s",
-                       t->o.folder, strerror(errno));
+        return mn_fail(st, mn_code_of_write(errno), "%s/tune.txt: cannot be written: %s; %s",
+                       t->o.folder, strerror(errno), cli_write_advice(errno));
     return MN_OK;
 }
 
@@ -334,8 +334,9 @@ static mn_code append(tune *t, const char *line, mn_status *st) {
     errno = 0;
     if (write(t->results_fd, line, length) == (ssize_t)length && fdatasync(t->results_fd) == 0)
         return MN_OK;
-    return mn_fail(st, mn_code_of_write(errno), "%s/results.csv: cannot be written whole: %s",
-                   t->o.folder, errno != 0 ? strerror(errno) : "the disk is full");
+    const int error = errno != 0 ? errno : ENOSPC; /* a part was written */
+    return mn_fail(st, mn_code_of_write(error), "%s/results.csv: cannot be written whole: %s; %s",
+                   t->o.folder, strerror(error), cli_write_advice(error));
 }
 
 /* What did not fit memory would not now, nor be done in less time; what else has failed is tried

@@ -425,8 +425,8 @@ static mn_code keep(const tune *t, const char *name, const char *bytes, size_t c
     char path[PATH_MAX];
     FILE *f = tune_file_name(t, name, path, sizeof path) == 0 ? fopen(path, "we") : NULL;
     if (f == NULL)
-        return mn_fail(st, mn_code_of_write(errno), "%s/%s: cannot be written: %s", t->o.folder,
-                       name, strerror(errno));
+        return mn_fail(st, mn_code_of_write(errno), "%s/%s: cannot be written: %s; %s", t->o.folder,
+                       name, strerror(errno), cli_write_advice(errno));
     fwrite(bytes, 1, count, f);
     return cli_written_all(f, "tune:", path, st);
 }
@@ -477,8 +477,8 @@ static mn_code make_folder(const tune *t, mn_status *st) {
     if (tune_file_name(t, "plots", folder, sizeof folder) >= 0 &&
         (mkdir(folder, 0777) == 0 || errno == EEXIST))
         return MN_OK;
-    return mn_fail(st, mn_code_of_write(errno), "%s/plots: cannot be made: %s", t->o.folder,
-                   strerror(errno));
+    return mn_fail(st, mn_code_of_write(errno), "%s/plots: cannot be made: %s; %s", t->o.folder,
+                   strerror(errno), cli_write_advice(errno));
 }
 
 /* A plot of that name; its script was written whole into `script`. */

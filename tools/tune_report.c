@@ -261,8 +261,8 @@ mn_code tune_report(const tune *t, const tune_findings *found, const tune_plots 
     char path[PATH_MAX];
     FILE *f = tune_file_name(t, "report.html", path, sizeof path) == 0 ? fopen(path, "we") : NULL;
     if (f == NULL)
-        return mn_fail(st, mn_code_of_write(errno), "%s/report.html: cannot be written: %s",
-                       t->o.folder, strerror(errno));
+        return mn_fail(st, mn_code_of_write(errno), "%s/report.html: cannot be written: %s; %s",
+                       t->o.folder, strerror(errno), cli_write_advice(errno));
     const char *slash = strrchr(t->o.in, '/'), *name = slash != NULL ? slash + 1 : t->o.in;
     fputs("<!doctype html>\n<html lang=en><meta charset=utf-8><title>metanode tune: ", f);
     text(f, name);

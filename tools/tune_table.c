@@ -194,8 +194,8 @@ static void cells_table(const tune *t, uint32_t path, mn_prefetch rule, FILE *ou
         count += tune_cell_is_of(&t->cell[i], path, rule);
     if (count == 0)
         return;
-    fprintf(out, "\n%s, %u frames, prefetch %s, times of the %s\n", t->o.path[path].label,
-            t->o.path[path].frames, tune_prefetch_name(rule),
+    fprintf(out, "\n%s, %u frame%s, prefetch %s, times of the %s\n", t->o.path[path].label,
+            t->o.path[path].frames, cli_s(t->o.path[path].frames), tune_prefetch_name(rule),
             t->o.want.cpu ? "processor" : "clock");
     heads(tune_columns, TUNE_COLUMNS, out);
     for (size_t i = 0; i < t->cells; i++)

@@ -106,9 +106,15 @@ bool mni_vdt_header_has_colors(const mni_vdt_header *h) {
 static mn_code check(const mni_vdt_header *h, uint64_t size_bytes, const char *path,
                      mn_status *st) {
     FIELD(h->header_bytes == sizeof *h, "header_bytes");
-    if (h->file_bytes != size_bytes)
+    if (size_bytes < h->file_bytes)
         return mn_fail(st, MN_BAD_INPUT,
-                       "%s: header: file_bytes is %llu, the file has %llu: copy it whole, or "
+                       "%s: is cut off: the last %llu bytes are missing, as file_bytes is %llu; "
+                       "copy it whole, or simplify again",
+                       path, (unsigned long long)(h->file_bytes - size_bytes),
+                       (unsigned long long)h->file_bytes);
+    if (size_bytes > h->file_bytes)
+        return mn_fail(st, MN_BAD_INPUT,
+                       "%s: header: file_bytes is %llu, the file has %llu; copy it again, or "
                        "simplify again",
                        path, (unsigned long long)h->file_bytes, (unsigned long long)size_bytes);
     FIELD(h->leaves >= 1 && h->leaves <= 1u << 31, "leaves");

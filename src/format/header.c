@@ -114,11 +114,17 @@ static bool finite_all(const float *v, int n) {
 
 static mn_code check_counts(const mn_header *h, uint64_t file_bytes, const char *name,
                             mn_status *st) {
-    if (mni_stored_bytes(h) != file_bytes)
+    const uint64_t whole_bytes = mni_stored_bytes(h);
+    if (file_bytes < whole_bytes)
+        return mn_fail(st, MN_BAD_INPUT,
+                       "%s: is cut off: the last %" PRIu64 " bytes are missing, as file_bytes is "
+                       "%" PRIu64 "; copy it whole, or build it again",
+                       name, whole_bytes - file_bytes, whole_bytes);
+    if (file_bytes > whole_bytes)
         return mn_fail(st, MN_BAD_INPUT,
                        "%s: header: file_bytes is %" PRIu64 ", the file has %" PRIu64
-                       ": copy it whole, or build it again",
-                       name, mni_stored_bytes(h), file_bytes);
+                       "; copy it again, or build it again",
+                       name, whole_bytes, file_bytes);
     FIELD(file_bytes % MN_PAGE_BYTES == 0, "file_bytes", PRIu64, file_bytes);
     file_bytes = h->file_bytes;
     FIELD(file_bytes % MN_PAGE_BYTES == 0 && file_bytes / MN_PAGE_BYTES <= UINT32_MAX, "file_bytes",

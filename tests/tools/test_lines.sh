@@ -181,4 +181,42 @@ expect 0 trace t.trace --to csv -o /dev/stdout
 [ "$(wc -l <out.txt)" -gt 6 ] || fail "-o /dev/stdout: $(cat out.txt)"
 [ -z "$(find . -name '*.tmp')" ] || fail "left behind: $(find . -name '*.tmp')"
 
+# --- who has several files is told of a missing one before the first is measured
+for bench in adapt draw error; do
+    file=a.mnt
+    [ $bench = error ] && file=in.ply
+    expect 3 bench $bench $file missing
+    says 'missing: cannot .*open'
+    [ ! -s out.txt ] || fail "bench $bench has begun: $(head -n 2 out.txt)"
+done
+
+# --- a disk that is full when all has been opened, and directories that take no files
+expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
+for output in "replay a.mnt --path orbit --frames 400 --fps 0 --store resident --csv" \
+    "replay a.mnt --path orbit --frames 4 --write-path" "trace t.trace --to csv -o"; do
+    # shellcheck disable=SC2086 # a command and its words
+    expect 4 $output /dev/full
+    says 'No space left on device; make room, or write to another disk'
+done
+"$metanode" info a.mnt >/dev/full 2>err.txt && fail "a full disk is no error"
+says 'standard output could not .*No space left on device; make room'
+for command in "build in.ply" "simplify in.ply" "shoot a.mnt"; do
+    # shellcheck disable=SC2086 # a command and its words
+    expect 1 $command -o /proc/x
+    says '/proc/x: cannot create: .*name a directory that is there, can be written and has room'
+done
+expect 1 build in.ply -o x.mnt --temp-dir /proc
+says '/proc.*name a folder for temporary files with --temp-dir'
+
+# --- view looks at the file before it looks for a display
+unset DISPLAY WAYLAND_DISPLAY
+expect 3 view missing.mnt
+says 'missing.mnt: cannot open'
+expect 6 view a.mnt
+says 'no display'
+
+# --- one of a thing
+expect 0 stress a.mnt --io pread --runs 1 --frames 20
+grep -q ': 1 run, ' out.txt || fail "one run: $(head -n 1 out.txt)"
+
 exit $((failures > 0))

@@ -164,6 +164,29 @@ interrupt() {
     check "goes on: the rest as well" test "$(grep -c ',0,"",' "$d/results.csv")" -eq 5
 }
 
+# What the mesh's own program says is all that is said: of a mesh that is none, and where it is
+# interrupted while the tree is made.
+tree_fails() {
+    local code=0
+    printf 'ply\nformat ascii 1.0\nelement vertex 3\nend_header\n' >"$scratch/bad.ply"
+    expect 3 "a bad mesh" tune "$scratch/bad.ply" -o "$scratch/b" --fps 0
+    one_line "a bad mesh" bad.ply
+    expect 0 large make terrain --triangles 1M -o "$scratch/large.ply"
+    set -m # or it would be deaf to SIGINT
+    "$metanode" tune "$scratch/large.ply" -o "$scratch/l" --fps 0 >"$out" 2>"$err" </dev/null &
+    set +m
+    local child=$!
+    for _ in {1..400}; do
+        [[ ! -d $scratch/l/tree.vdt.work ]] || break
+        sleep 0.02
+    done
+    kill -INT "$child"
+    wait "$child" || code=$?
+    check "interrupt in the tree: exit $code" test "$code" -eq 1
+    one_line "interrupt in the tree" interrupted
+    rm -rf "$scratch/l" "$scratch/large.ply"
+}
+
 # Each is one line that names what is wrong, and nothing is made.
 usage() {
     local -A wrong=([levels]=17 [block-bytes]=5K [k]=1/0 [caps]=0 [policy]=both [path]=, [prefetch]=on
@@ -210,5 +233,6 @@ part kinds
 part busy
 part page
 part interrupt
+part tree_fails
 part usage
 finish
