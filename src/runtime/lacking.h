@@ -10,7 +10,8 @@
 #include "mem.h"
 
 enum {
-    MNI_LACKING_MAX = 1 << 10, /* nodes remembered: what chains share, what one has split */
+    MNI_LACKING_WAYS = 4,       /* records of a set: a line of the cache */
+    MNI_LACKING_SETS_LOG2 = 14, /* sets at most */
 };
 
 /* A node, and what a chain has found of it. */
@@ -23,11 +24,14 @@ typedef struct mni_lack {
 } mni_lack;
 
 typedef struct mni_lacking {
-    mni_lack *lack;
-    uint32_t mask;
+    mni_lack *lack;  /* sets of records, by the top bits of a product */
+    uint64_t *maybe; /* bits, eight a record: of whom none is set, nothing is known */
+    uint32_t entries;
+    int shift;      /* of a product, for the set */
     uint32_t chain; /* the last that began; from 1 */
     uint32_t first; /* what chains before that have found is forgotten */
     bool any;       /* something is known to lack a block */
+    bool marked;    /* something is known of somebody */
 } mni_lacking;
 
 size_t mni_lacking_need(uint32_t nodes_max);
@@ -38,11 +42,28 @@ void mni_lacking_forget(mni_lacking *lacking);
 static inline void mni_lacking_chain(mni_lacking *lacking) {
     lacking->chain++;
 }
+/* A node's bit, and the word that it is in: it leads on where its set ends, so they go together. */
+static inline uint64_t *mni_lacking_word(const mni_lacking *lacking, uint32_t order,
+                                         uint64_t *bit) {
+    const uint32_t at = order * 0x9e3779b1u >> (lacking->shift - 5);
+    *bit = (uint64_t)1 << at % 64;
+    return &lacking->maybe[at / 64];
+}
+/* Where a node's record stands, if there is one. */
+static inline mni_lack *mni_lacking_set(const mni_lacking *lacking, uint32_t order) {
+    return &lacking->lack[MNI_LACKING_WAYS * (size_t)(order * 0x9e3779b1u >> lacking->shift)];
+}
 /* NULL: nothing is known of the node, or no longer. */
 static inline const mni_lack *mni_lacking_find(const mni_lacking *lacking, uint32_t order) {
-    const mni_lack *at = &lacking->lack[order * 0x9e3779b1u >> 16 & lacking->mask];
-    const uint32_t first = at->brief ? lacking->chain : lacking->first;
-    return at->order == order && at->chain >= first ? at : NULL;
+    uint64_t bit;
+    if ((*mni_lacking_word(lacking, order, &bit) & bit) == 0)
+        return NULL;
+    const mni_lack *set = mni_lacking_set(lacking, order);
+    for (int i = 0; i < MNI_LACKING_WAYS; i++)
+        if (set[i].order == order &&
+            set[i].chain >= (set[i].brief ? lacking->chain : lacking->first))
+            return &set[i];
+    return NULL;
 }
 /* The block that it lacks, as far as is known; NULL: none. */
 static inline const mni_lack *mni_lacking_of(const mni_lacking *lacking, uint32_t order) {
