@@ -32,7 +32,7 @@ typedef struct mni_ahead {
     mni_sieve sieve; /* of there */
     mni_sieve_batch batch;
     mni_view soon;         /* the camera in MNI_AHEAD_SOON frames, while look.moves … */
-    double soon_motion;    /* … and how much of a motion that is (mni_sieve_motion) */
+    double soon_motion;    /* … and its motion since it last was (mni_sieve_motion) */
     uint32_t slot, branch; /* whose turn it is */
 } mni_ahead;
 

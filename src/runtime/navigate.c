@@ -42,7 +42,7 @@ enum { FETCHED = 12, TOGETHER = 16 }; /* nodes to split; forks to test */
 enum { EFFORT_LEAST = 16, EFFORT_FRAMES = 8 };
 #define OP_SECONDS 5e-7 /* that an operation takes, about: of a simulated disk's time */
 #define LOOK (-1.0f)    /* due now: the clock of motion begins at 0 */
-#define NEVER INFINITY  /* nobody is in the slot: who comes sets it */
+#define NEVER INFINITY  /* nobody is in the slot, or a leaf: who comes sets it */
 
 /* ---- collapses ------------------------------------------------------------------------------ */
 
@@ -52,68 +52,80 @@ static float due_after(const mni_navigator *nav, float margin) {
     return (nav->clock + margin) * (1 - 1e-6f);
 }
 
-/* Not wanted now, but in a moment, or by a chain that lacks a block: such a fork stays. It is
- * looked at again in the next frame. */
-static bool stays_early(mni_navigator *nav, uint32_t fork) {
-    const mni_view *soon = &nav->ahead.soon;
-    double px;
-    if (!nav->early)
-        return false;
-    const mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
-    if (nav->front.branch[fork].kept < nav->frame &&
-        !mni_sieve_wants(&soon->sieve, &soon->lens, &bounds, &px))
-        return false;
-    nav->fork_due[fork] = LOOK;
-    return true;
-}
-
 /* A fork's turn: by order id; or by place, so that neighbours have theirs one after the other. */
 static uint32_t fork_key(const mni_navigator *nav, uint32_t fork) {
     const mni_front_branch *b = &nav->front.branch[fork];
     return nav->crowded ? b->leaf_lo : b->order;
 }
 
-/* A fork that is not wanted, during the pass. */
-static void push_fork(mni_navigator *nav, uint32_t fork) {
-    if (!stays_early(nav, fork))
-        mni_agenda_push(&nav->agenda, (mni_agenda_item){0, fork_key(nav, fork), fork});
-}
-
-/* The fork, if it is one and not wanted. It is new: so it is looked at in the next frame. */
-static void consider_fork(mni_navigator *nav, uint32_t fork) {
-    if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
+/* What the camera in a moment says to the batch: nothing is wanted by it where nothing is done
+ * early.
+ */
+static void judge_soon(const mni_navigator *nav, uint8_t verdict[MNI_SIEVE_BATCH],
+                       float margin[MNI_SIEVE_BATCH]) {
+    if (nav->early) {
+        mni_sieve_judge(&nav->ahead.soon.sieve, &nav->batch, verdict, margin);
         return;
-    nav->fork_due[fork] = LOOK;
-    mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork);
-    double priority_px;
-    if (!mni_sieve_wants(&nav->sieve, &nav->lens, &bounds, &priority_px))
-        push_fork(nav, fork);
+    }
+    for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+        verdict[i] = MNI_UNWANTED;
+        margin[i] = INFINITY;
+    }
 }
 
-/* Those of a batch of forks that are not wanted, onto the agenda, but those that wait already. */
-static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count) {
+/* Those of a batch of forks that are wanted neither now nor in a moment, nor by a chain that lacks
+ * a block, onto the agenda, but those that wait already. begun: during the pass. */
+static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count, bool begun) {
     const mni_front *front = &nav->front;
-    uint8_t verdict[MNI_SIEVE_BATCH];
-    float margin[MNI_SIEVE_BATCH];
+    uint8_t verdict[MNI_SIEVE_BATCH], soon[MNI_SIEVE_BATCH];
+    float margin[MNI_SIEVE_BATCH], soon_margin[MNI_SIEVE_BATCH];
     for (int i = 0; i < count; i++) {
         const mni_front_branch *b = &front->branch[fork[i]];
         mni_sieve_put(&nav->batch, i, &front->position[3 * (size_t)b->slot], b->radius,
                       b->switch_value, b->face.cone);
     }
     mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
+    judge_soon(nav, soon, soon_margin);
     for (int i = 0; i < count; i++) {
-        bool wants = verdict[i] == MNI_WANTED, waits = mni_waiting_has(&nav->waiting, fork[i]);
-        if (verdict[i] == MNI_UNSURE) {
-            mni_bounds bounds = mni_front_branch_bounds(&nav->front, fork[i]);
-            wants = mni_lens_wants(&nav->lens, &bounds);
+        bool wants = verdict[i] == MNI_WANTED, stays = soon[i] == MNI_WANTED;
+        const bool waits = mni_waiting_has(&nav->waiting, fork[i]);
+        const bool kept = nav->early && front->branch[fork[i]].kept >= nav->frame;
+        if (verdict[i] == MNI_UNSURE || soon[i] == MNI_UNSURE) {
+            const mni_bounds bounds = mni_front_branch_bounds(front, fork[i]);
+            wants = wants || (verdict[i] == MNI_UNSURE && mni_lens_wants(&nav->lens, &bounds));
+            stays =
+                stays || (soon[i] == MNI_UNSURE && mni_lens_wants(&nav->ahead.soon.lens, &bounds));
         }
-        nav->fork_due[fork[i]] = due_after(nav, margin[i]);
-        if (wants & waits)
+        const float least = fminf(margin[i], soon_margin[i]);
+        nav->fork_due[fork[i]] = kept ? LOOK
+                                      : due_after(nav, wants   ? margin[i]
+                                                       : stays ? soon_margin[i]
+                                                               : least);
+        stays |= wants | kept;
+        if (stays & waits)
             mni_waiting_drop(&nav->waiting, fork[i]);
-        wants = wants || (!waits && stays_early(nav, fork[i]));
-        mni_agenda_add_if(&nav->agenda, (mni_agenda_item){0, fork_key(nav, fork[i]), fork[i]},
-                          !(wants | waits));
+        const mni_agenda_item item = {0, fork_key(nav, fork[i]), fork[i]};
+        if (!begun)
+            mni_agenda_add_if(&nav->agenda, item, !(stays | waits));
+        else if (!(stays | waits))
+            mni_agenda_push(&nav->agenda, item);
     }
+}
+
+/* Those that have become forks during the pass. */
+static void judge_fresh(mni_navigator *nav) {
+    judge_forks(nav, nav->fresh, nav->fresh_count, true);
+    nav->fresh_count = 0;
+}
+
+/* A node, if it is a fork now. */
+static void consider_fork(mni_navigator *nav, uint32_t fork) {
+    if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
+        return;
+    __builtin_prefetch(&nav->front.position[3 * (size_t)nav->front.branch[fork].slot]);
+    nav->fresh[nav->fresh_count++] = fork;
+    if (nav->fresh_count == MNI_SIEVE_BATCH)
+        judge_fresh(nav);
 }
 
 /* A fork whose next look is not due is wanted still, or not wanted still and waits. In a crowd who
@@ -132,11 +144,11 @@ static void collapse_agenda(mni_navigator *nav, uint32_t *tests) {
             __builtin_prefetch(&front->branch[fork[count]]);
             if (++count < MNI_SIEVE_BATCH)
                 continue;
-            judge_forks(nav, fork, count);
+            judge_forks(nav, fork, count, false);
             count = 0;
         }
     }
-    judge_forks(nav, fork, count);
+    judge_forks(nav, fork, count, false);
     *tests = nav->agenda.heap;
     (nav->crowded ? mni_agenda_begin_queue : mni_agenda_begin)(&nav->agenda);
 }
@@ -147,12 +159,12 @@ static inline void fetch_children(const mni_front *front, uint32_t fork) {
 }
 
 /* The node in a slot has gone. Those that waited for it have higher order ids than its parent, so
- * their turn is still to come; their nodes are asked for. */
+ * their turn is still to come, and verdicts that stand; their nodes are asked for. */
 static void wake(mni_navigator *nav, uint32_t slot) {
     for (uint32_t fork = mni_waiting_wake(&nav->waiting, slot); fork != MN_NONE;
          fork = mni_waiting_next(&nav->waiting, fork)) {
         fetch_children(&nav->front, fork);
-        push_fork(nav, fork);
+        mni_agenda_push(&nav->agenda, (mni_agenda_item){0, fork_key(nav, fork), fork});
     }
 }
 
@@ -231,7 +243,9 @@ static void collapse_pass(mni_navigator *nav) {
     const bool alone = nav->ops_max > 0 || nav->front.active < MNI_PLACES_MIN;
     uint32_t fork[TOGETHER], count, tests;
     collapse_agenda(nav, &tests);
-    while ((count = next_forks(nav, fork, alone ? 1 : TOGETHER)) > 0) {
+    while ((count = next_forks(nav, fork, alone ? 1 : TOGETHER)) > 0 || nav->fresh_count > 0) {
+        if (count == 0)
+            judge_fresh(nav);
         count = test_forks(nav, fork, count);
         for (uint32_t i = 0; i < count; i++) {
             MN_ASSERT_SLOW(mni_front_collapse_blocker(&nav->front, fork[i]) == MN_NONE);
@@ -293,18 +307,26 @@ static void consider_split(mni_navigator *nav, uint32_t slot) {
     mni_agenda_push(&nav->agenda, item);
 }
 
-/* Those of a batch of slots that are wanted, onto the agenda. */
+/* Those of a batch of slots that are wanted, onto the agenda; those that are not and will be in a
+ * moment, on the list for later. */
 static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
-    uint8_t verdict[MNI_SIEVE_BATCH];
-    float margin[MNI_SIEVE_BATCH];
+    uint8_t verdict[MNI_SIEVE_BATCH], soon[MNI_SIEVE_BATCH];
+    float margin[MNI_SIEVE_BATCH], soon_margin[MNI_SIEVE_BATCH];
     mni_agenda_item item;
     mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
+    judge_soon(nav, soon, soon_margin);
     for (int i = 0; i < count; i++) {
-        const bool there = mni_front_is_active(&nav->front, slot[i]);
-        float due = verdict[i] == MNI_UNWANTED ? due_after(nav, margin[i]) : LOOK;
-        nav->slot_due[slot[i]] = there ? due : NEVER;
-        if (verdict[i] != MNI_UNWANTED && there && wanted(nav, slot[i], &item))
+        const bool splits =
+            mni_front_is_active(&nav->front, slot[i]) && !mni_front_is_leaf(&nav->front, slot[i]);
+        const bool far = verdict[i] == MNI_UNWANTED && soon[i] == MNI_UNWANTED;
+        float due = far ? due_after(nav, fminf(margin[i], soon_margin[i])) : LOOK;
+        nav->slot_due[slot[i]] = splits ? due : NEVER;
+        if (far || !splits)
+            continue;
+        if (verdict[i] != MNI_UNWANTED && wanted(nav, slot[i], &item))
             mni_agenda_add(&nav->agenda, item);
+        else if (soon[i] != MNI_UNWANTED && nav->soon_count < MNI_SOON_MAX)
+            nav->soon[nav->soon_count++] = slot[i];
     }
 }
 
@@ -313,14 +335,19 @@ static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
  * whole batches. */
 static uint64_t slots_due(mni_navigator *nav, uint32_t first) {
     const mni_front *f = &nav->front;
-    float *due = &nav->slot_due[first], margin[MNI_SIEVE_BATCH];
+    const float *position = &f->position[3 * (size_t)first];
+    float *due = &nav->slot_due[first], margin[MNI_SIEVE_BATCH], soon[MNI_SIEVE_BATCH];
     uint64_t late = mni_sieve_late(due, nav->clock), near = 0;
     if (late == 0)
         return 0;
-    mni_sieve_far(&nav->sieve, &f->position[3 * (size_t)first], &f->radius[first],
-                  &f->switch_value[first], margin);
+    mni_sieve_far(&nav->sieve, position, &f->radius[first], &f->switch_value[first], margin);
+    if (nav->early)
+        mni_sieve_far(&nav->ahead.soon.sieve, position, &f->radius[first], &f->switch_value[first],
+                      soon);
     for (; late != 0; late &= late - 1) {
         int i = __builtin_ctzll(late);
+        if (nav->early)
+            margin[i] = fminf(margin[i], soon[i]);
         due[i] = due_after(nav, margin[i]);
         near |= (uint64_t)(margin[i] <= 0) << i;
     }
@@ -332,6 +359,7 @@ static void split_agenda(mni_navigator *nav) {
     uint32_t slot[MNI_SIEVE_BATCH];
     int count = 0;
     mni_agenda_clear(&nav->agenda);
+    nav->soon_count = 0;
     for (uint32_t first = 0; first < f->slots_high; first += MNI_SIEVE_BATCH)
         for (uint64_t bits = slots_due(nav, first); bits != 0; bits &= bits - 1) {
             uint32_t at = first + (uint32_t)__builtin_ctzll(bits);
@@ -433,7 +461,7 @@ static bool keep_split(mni_navigator *nav, uint32_t branch) {
         bool is_split = (b->child[side] & MNI_FRONT_BRANCH) != 0;
         nav->slot_due[first_slot(front, b->child[side])] = is_split ? due : LOOK;
     }
-    return due <= nav->clock || nav->early_splits;
+    return due <= nav->clock;
 }
 
 /* The splits of a chain stay, made when there were so many triangles; their children that are
@@ -561,72 +589,16 @@ static void count_missed(mni_navigator *nav) {
 
 /* ---- early splits ---------------------------------------------------------------------------- */
 
-/* Those of a batch of slots that are not wanted now and will be. */
-static void judge_early(mni_navigator *nav, const uint32_t *slot, int count) {
-    uint8_t verdict[MNI_SIEVE_BATCH];
-    float margin[MNI_SIEVE_BATCH];
-    mni_agenda_item item;
-    mni_sieve_judge(&nav->ahead.soon.sieve, &nav->batch, verdict, margin);
-    for (int i = 0; i < count; i++) {
-        if (verdict[i] == MNI_UNWANTED || !mni_front_is_active(&nav->front, slot[i]))
-            continue;
-        const mni_bounds bounds = mni_front_bounds(&nav->front, slot[i]);
-        if (!mni_lens_wants(&nav->lens, &bounds) && wanted(nav, slot[i], &item))
-            mni_agenda_add(&nav->agenda, item);
-    }
-}
-
-/* A batch of slots for judge_early. */
-typedef struct early_batch {
-    uint32_t slot[MNI_SIEVE_BATCH];
-    int count;
-} early_batch;
-
-static void early_add(mni_navigator *nav, early_batch *batch, uint32_t slot) {
-    const mni_front *f = &nav->front;
-    mni_sieve_put(&nav->batch, batch->count, &f->position[3 * (size_t)slot], f->radius[slot],
-                  f->switch_value[slot], f->face[slot].cone);
-    batch->slot[batch->count++] = slot;
-    if (batch->count < MNI_SIEVE_BATCH)
-        return;
-    judge_early(nav, batch->slot, batch->count);
-    batch->count = 0;
-}
-
-/* Whoever is not wanted until the clock has passed where it will be then needs no look. Every other
- * batch has its turn, so each has one before it is wanted, and the search costs half; and all of
- * them when the last ones were not seen through. Whose chain lacked a block has his in each frame.
- */
+/* Whoever has been found to be wanted in a moment, when what is wanted now was looked for. */
 static void early_agenda(mni_navigator *nav) {
-    const mni_front *f = &nav->front;
-    const float clock = (float)((double)nav->clock + nav->ahead.soon_motion);
-    float margin[MNI_SIEVE_BATCH];
-    early_batch batch = {.count = 0};
+    mni_agenda_item item;
     mni_agenda_clear(&nav->agenda);
-    const uint32_t turns = nav->early_left ? 1 : 2;
-    nav->early_odd ^= true;
-    for (uint32_t first = nav->early_odd && turns == 2 ? MNI_SIEVE_BATCH : 0; first < f->slots_high;
-         first += turns * MNI_SIEVE_BATCH) {
-        uint64_t late = mni_sieve_late(&nav->slot_due[first], clock);
-        if (late == 0)
+    for (uint32_t i = 0; i < nav->soon_count; i++) {
+        const uint32_t slot = nav->soon[i];
+        if (!mni_front_is_active(&nav->front, slot) || !wanted(nav, slot, &item))
             continue;
-        mni_sieve_far(&nav->ahead.soon.sieve, &f->position[3 * (size_t)first], &f->radius[first],
-                      &f->switch_value[first], margin);
-        for (; late != 0; late &= late - 1) {
-            const int i = __builtin_ctzll(late);
-            const uint32_t at = first + (uint32_t)i;
-            if (margin[i] <= 0 && at < f->slots_high)
-                early_add(nav, &batch, at);
-        }
+        mni_agenda_add(&nav->agenda, item);
     }
-    for (uint32_t i = 0; i < nav->early_again_count && turns == 2; i++) {
-        const mni_front_ref at = nav->early_again[i];
-        const bool had_turn = (at.slot / MNI_SIEVE_BATCH % 2 == 1) == nav->early_odd;
-        if (!had_turn && mni_front_stands(f, at))
-            early_add(nav, &batch, at.slot);
-    }
-    nav->early_again_count = 0;
-    judge_early(nav, batch.slot, batch.count);
     mni_agenda_begin(&nav->agenda);
 }
 
@@ -653,8 +625,7 @@ static void early_pass(mni_navigator *nav) {
     for (;;) {
         if (nav->agenda.next >= fetched)
             fetched = fetch_ahead(nav);
-        nav->early_left = mni_agenda_pop(&nav->agenda, &item);
-        if (!nav->early_left || mni_navigator_effort(nav) >= nav->effort_max ||
+        if (!mni_agenda_pop(&nav->agenda, &item) || mni_navigator_effort(nav) >= nav->effort_max ||
             mni_navigator_fill(nav) >= MNI_EARLY_FILL)
             break;
         const uint32_t triangles = front->triangles;
@@ -664,8 +635,6 @@ static void early_pass(mni_navigator *nav) {
         keep_chain(nav, count, triangles);
         if (outcome != MNI_DONE && outcome != MNI_MISS)
             break;
-        if (outcome == MNI_MISS && nav->early_again_count < MNI_AGAIN_MAX)
-            nav->early_again[nav->early_again_count++] = (mni_front_ref){item.what, item.order};
     }
     mni_store_early(front->store, 0);
     nav->early_splits = false;
@@ -682,8 +651,6 @@ static void look_forward(mni_navigator *nav) {
         early_pass(nav);
         if (round_end(nav))
             missed_again(nav, true);
-    } else {
-        nav->early_left = true;
     }
     if (mni_navigator_effort(nav) < nav->effort_max / (nav->early ? 2 : 1)) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
@@ -727,7 +694,7 @@ static void clock_advance(mni_navigator *nav, double motion) {
 }
 
 void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tolerance_px) {
-    const bool moved_before = nav->ahead.look.moves;
+    const bool moved_before = nav->ahead.look.moves, early_before = nav->early;
     nav->moved = memcmp(&nav->camera, camera, sizeof *camera) != 0 ||
                  memcmp(&nav->tolerance_px, &tolerance_px, sizeof tolerance_px) != 0;
     nav->camera = *camera;
@@ -737,8 +704,8 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     mni_lens before = nav->lens;
     mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, nav->size, used_px,
                   &nav->weights);
-    clock_advance(nav, mni_sieve_motion(&before, &nav->lens, (double)nav->coordinate_max));
     mni_sieve_make(&nav->sieve, &nav->lens, nav->coordinate_max);
+    double motion = mni_sieve_motion(&before, &nav->lens, (double)nav->coordinate_max);
     if (nav->looks_ahead) {
         mni_ahead_begin(&nav->ahead, camera, &nav->lens, nav->width_px, nav->height_px, nav->size,
                         &nav->weights, nav->coordinate_max);
@@ -750,6 +717,9 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
                     nav->front.active >= MNI_PLACES_MIN;
     nav->early = nav->looks_ahead && nav->ahead.look.moves && used_px > 0 && nav->ops_max == 0 &&
                  nav->triangles_max == 0 && nav->work.refused_px == 0;
+    if (nav->early)
+        motion = fmax(motion, nav->ahead.soon_motion);
+    clock_advance(nav, nav->early == early_before ? motion : (double)INFINITY);
     nav->seeks = nav->looks_ahead && nav->ahead.look.moves && nav->work.refused_px > 0 &&
                  nav->work.refused_pool > 0;
     nav->work = (mni_work){0};
@@ -786,7 +756,8 @@ size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
            mni_arena_need(MNI_STACK_MAX, sizeof(uint16_t), 64) +
            mni_arena_need(chain_room(nodes_max), sizeof(uint32_t), 64) +
            mni_lacking_need(nodes_max) + mni_arena_need(nodes_max, sizeof(mni_refusal), 64) +
-           2 * mni_arena_need(whole_batches(nodes_max), sizeof(float), 64);
+           2 * mni_arena_need(whole_batches(nodes_max), sizeof(float), 64) +
+           mni_arena_need(MNI_SOON_MAX, sizeof(uint32_t), 64);
 }
 
 float mni_coordinate_max(const mn_header *header) {
@@ -811,6 +782,7 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     while ((header->leaves >> nav->place_shift) >= MNI_SPLIT_PLACES)
         nav->place_shift++;
     nav->fork_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
+    nav->soon = mni_arena_take(arena, MNI_SOON_MAX, sizeof *nav->soon, 64);
     nav->slot_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     mni_level_open(&nav->level);
     nav->level.settled = true;

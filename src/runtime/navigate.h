@@ -19,7 +19,7 @@ enum {
     MNI_KEPT_FRAMES = 4,      /* that they stay for, unwanted */
     MNI_ROUND_OPS = 1000,     /* half a millisecond: ten times what it takes to wake I/O */
     MNI_LISTED_MAX = 256,     /* misses of a frame that have another turn in it */
-    MNI_AGAIN_MAX = 64,       /* nodes whose early chains are tried again in the next frame */
+    MNI_SOON_MAX = 1 << 14,   /* nodes that are found in a frame to be wanted in a moment */
     MNI_PLACES_MIN = 1 << 12, /* nodes of a front: fewer are in the cache whatever the order */
     MNI_CROWD_SHARE = 8,      /* of the front's nodes: forks that a frame has to test, in a crowd */
     MNI_TURNS = 16,           /* frames in which each refused chain has its turn */
@@ -63,8 +63,12 @@ typedef struct mni_navigator {
     mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
     mni_lacking lacking;  /* what this frame's chains have found absent */
     mni_waiting waiting;  /* forks that are not wanted and blocked */
-    /* nodes_max: until the clock passes that, the last verdict stands. Of slots: unwanted */
+    /* nodes_max: until the clock passes that, the last verdict stands. Of slots: unwanted now, and
+     * in a moment; of forks: wanted, now or then, or unwanted and waiting */
     float *fork_due, *slot_due;
+
+    uint32_t fresh[MNI_SIEVE_BATCH]; /* that have become forks, and are to be judged … */
+    int fresh_count;                 /* … so many; between passes none */
 
     /* the frame */
     /* by the session: at open, and when they change */
@@ -75,14 +79,12 @@ typedef struct mni_navigator {
     mni_sieve sieve;   /* the lens, in single precision */
     bool early;        /* there is room for what the camera will want in a moment … */
     bool early_splits; /* … which has its turn now … */
-    bool early_odd;    /* … those in odd batches of slots, or in even ones … */
-    bool early_left;   /* … or all, as some were left */
+    uint32_t *soon;    /* … of these soon_count slots */
+    uint32_t soon_count;
     /* of this frame, those that have another turn in it; then of the one before */
     mni_missed missed[MNI_LISTED_MAX];
     uint32_t missed_count;
-    double posted; /* effort of the frame when what it had missed was posted */
-    mni_front_ref early_again[MNI_AGAIN_MAX]; /* early chains that lacked a block */
-    uint32_t early_again_count;
+    double posted;     /* effort of the frame when what it had missed was posted */
     uint32_t frame;    /* from 1 */
     double usual;      /* effort of a frame: the mean of the last ones */
     double effort_max; /* of this one, with what it does for later ones */
