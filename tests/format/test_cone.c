@@ -43,6 +43,13 @@ static void seed(void) {
     printf("seed %llu\n", (unsigned long long)state);
 }
 
+/* The square of codes is the octahedron |x| + |y| + |z| = 1 unfolded, each eighth of it a face,
+ * laid out without a cut inside. Rounding moves a point by half a step at most in x and in y, so on
+ * its face, or over an edge onto the next, along a path of at most sqrt(hh + hh + 4hh) = sqrt(6) h,
+ * where h = 1 / (2 MN_CONE_AXIS). Faces are 1 / sqrt(3) from the origin, and what is as far away as
+ * that at least is seen under no more than its length over that distance: sqrt(18) h. */
+static const double axis_error_max = 4.242640687119285 / (2 * MN_CONE_AXIS);
+
 START_TEST(made_cones_enclose) {
     for (int round = 0; round < 20000; round++) {
         float axis[3], decoded[3];
@@ -55,7 +62,21 @@ START_TEST(made_cones_enclose) {
         double need = angle(axis, decoded) + half, have = mn_cone_half_angle(cone);
         ck_assert_double_le(need, have + 1e-6);
         ck_assert_double_le(have, need + 0.0062); /* and is not wasteful: a step */
-        ck_assert_double_le(angle(axis, decoded), 0.016);
+        ck_assert_double_le(angle(axis, decoded), axis_error_max + 1e-6);
+    }
+}
+END_TEST
+
+/* In the middle of a face, half a step off in x and in y: nowhere is the axis moved by more. */
+START_TEST(an_axis_moves_no_more_than_that) {
+    for (int face = 0; face < 8; face++) {
+        float axis[3] = {42.5f, 42.5f, MN_CONE_AXIS - 85.0f}, decoded[3];
+        for (int i = 0; i < 3; i++)
+            axis[i] *= (face >> i & 1) != 0 ? -1.0f : 1.0f;
+        mn_cone_axis(mn_cone_make(axis, 0), decoded);
+        const double moved = angle(axis, decoded);
+        ck_assert_double_le(moved, axis_error_max + 1e-6);
+        ck_assert_double_ge(moved, 0.99 * axis_error_max);
     }
 }
 END_TEST
@@ -218,6 +239,7 @@ int main(void) {
     TCase *t = tcase_create("cone");
     tcase_add_unchecked_fixture(t, seed, NULL);
     tcase_add_test(t, made_cones_enclose);
+    tcase_add_test(t, an_axis_moves_no_more_than_that);
     tcase_add_test(t, merged_cones_enclose_both);
     tcase_add_test(t, merged_as_defined);
     tcase_add_test(t, no_bound_is_kept);
