@@ -483,6 +483,24 @@ static void keep_chain(mni_navigator *nav, uint32_t count, uint32_t triangles) {
         }
 }
 
+/* Who lacked a block in a turn before, and have another one. */
+typedef struct turn_before {
+    uint32_t count;
+    mni_missed missed[MNI_LISTED_MAX];
+} turn_before;
+
+/* What the node of an item lacked then. false: it had no turn. */
+static bool lacked_before(const turn_before *before, mni_agenda_item item) {
+    for (uint32_t i = 0; before != NULL && i < before->count; i++) {
+        const mni_missed *missed = &before->missed[i];
+        if (missed->item.what != item.what || missed->item.order != item.order)
+            continue;
+        mni_trace_lacks(missed->block_id);
+        return true;
+    }
+    return false;
+}
+
 /* Puts a miss on the list of those that have another turn in this frame. false: there is none. */
 static bool list_missed(mni_navigator *nav, mni_agenda_item item) {
     if (!nav->early || nav->missed_count == MNI_LISTED_MAX)
@@ -492,8 +510,8 @@ static bool list_missed(mni_navigator *nav, mni_agenda_item item) {
 }
 
 /* All that is on the agenda, and what comes to be wanted by it. counts: whoever cannot be split has
- * no other turn in this frame, but for those on the list. */
-static void splits_make(mni_navigator *nav, bool counts) {
+ * no other turn in this frame, but for those on the list. before: who had one; NULL: nobody. */
+static void splits_make(mni_navigator *nav, bool counts, const turn_before *before) {
     mni_front *front = &nav->front;
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
     mni_agenda_item item;
@@ -512,8 +530,8 @@ static void splits_make(mni_navigator *nav, bool counts) {
         mni_outcome outcome = closed;
         if (closed == MNI_DONE)
             outcome = chain_try(nav, slot, &count);
-        else if ((item.key & MNI_PUT_OFF) != 0) /* in its turn it was its block that was absent */
-            outcome = MNI_MISS;
+        else if ((item.key & MNI_PUT_OFF) != 0 || lacked_before(before, item))
+            outcome = MNI_MISS; /* in its turn it was its block that was absent */
         keep_chain(nav, count, triangles);
         if (closed == MNI_DONE && outcome == MNI_MISS && nav->there_only) {
             mni_refusals_put_off(nav, item);
@@ -533,7 +551,7 @@ static void split_pass(mni_navigator *nav) {
     nav->missed_count = 0;
     mni_refusals_begin(nav);
     split_agenda(nav);
-    splits_make(nav, true);
+    splits_make(nav, true, NULL);
 }
 
 /* ---- rounds ---------------------------------------------------------------------------------- */
@@ -550,14 +568,15 @@ static void round_begin(mni_navigator *nav, double ops) {
 
 /* Those that lacked a block have another turn. */
 static void missed_again(mni_navigator *nav, bool counts) {
-    const uint32_t count = nav->missed_count;
+    turn_before before = {.count = nav->missed_count};
+    memcpy(before.missed, nav->missed, before.count * sizeof *before.missed);
     nav->missed_count = 0;
     mni_refusals_begin(nav);
     mni_agenda_clear(&nav->agenda);
-    for (uint32_t i = 0; i < count; i++)
-        if (item_stands(&nav->front, nav->missed[i].item))
-            consider_split(nav, nav->missed[i].item.what);
-    splits_make(nav, counts);
+    for (uint32_t i = 0; i < before.count; i++)
+        if (item_stands(&nav->front, before.missed[i].item))
+            consider_split(nav, before.missed[i].item.what);
+    splits_make(nav, counts, &before);
 }
 
 /* Has there been a round, in which something may have come? */

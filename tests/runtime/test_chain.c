@@ -184,6 +184,38 @@ START_TEST(missed_again_in_the_frame) {
 }
 END_TEST
 
+/* What the last frame of a flight does, in rounds or without, where the front has so much room and
+ * the disk is there at once. */
+static mni_work last_frame(double round_ops, uint32_t nodes_max) {
+    enum { LAST = 5 }; /* so much more is wanted there that some lacks a block */
+    flight f;
+    flight_open(&f, SERIAL, nodes_max);
+    for (int i = 0; i <= LAST; i++) {
+        const mn_camera camera = model_camera(&f.m, 0.02 * i, 1.1 + 4 * fabs(cos(0.3 * i)));
+        f.nav.usual = USUAL;
+        f.nav.round_ops = i < LAST ? INFINITY : round_ops;
+        fly_to(&f, &camera);
+    }
+    const mni_work work = f.nav.work;
+    flight_close(&f);
+    return work;
+}
+
+/* Who lacked a block in his turn is a miss, also where the front has filled up before he has had
+ * another one: that of all of them one is seen to be refused for want of room is no reason for the
+ * others. */
+START_TEST(a_miss_is_no_want_of_room) {
+    int filled = 0;
+    for (uint32_t nodes_max = 2100; nodes_max < 2400; nodes_max += 40) {
+        const mni_work once = last_frame(INFINITY, nodes_max), again = last_frame(1, nodes_max);
+        const uint64_t more = again.splits - once.splits;
+        ck_assert_uint_ge(again.misses + 1 + more, once.misses);
+        filled += again.refused_front > once.refused_front && once.misses > 1 + more;
+    }
+    ck_assert_int_gt(filled, 0);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("chain");
     TCase *tc = tcase_create("chain");
@@ -192,6 +224,7 @@ int main(void) {
     tcase_add_test(tc, what_nobody_needs_goes);
     tcase_add_test(tc, without_room_it_is_undone);
     tcase_add_loop_test(tc, missed_again_in_the_frame, 0, 2);
+    tcase_add_test(tc, a_miss_is_no_want_of_room);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }
