@@ -137,7 +137,7 @@ static void scan_slots(mni_ahead *a, mni_front *f, uint32_t from, uint32_t to) {
     uint32_t slot[MNI_SIEVE_BATCH];
     int count = 0;
     for (uint32_t first = from; first < to; first += MNI_SIEVE_BATCH) {
-        mni_sieve_far(&a->sieve, &f->position[3 * (size_t)first], &f->radius[first],
+        mni_sieve_far(&a->sieve, NULL, &f->position[3 * (size_t)first], &f->radius[first],
                       &f->switch_value[first], margin);
         for (uint32_t i = 0, at = first; i < MNI_SIEVE_BATCH && at < to; i++, at++) {
             if (margin[i] > 0)

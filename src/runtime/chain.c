@@ -17,6 +17,8 @@
  * splits: design.md §2. */
 #include "chain.h"
 
+#include <math.h>
+
 #include "mn_assert.h"
 #include "refusals.h"
 
@@ -108,13 +110,14 @@ static bool keeps(const mni_navigator *nav) {
 }
 
 /* Has a chain that lacks a block asked for enough? What will be undone is not to cost much, nor
- * what is done before its time. */
+ * what is done before its time. What it may do in any case comes first, as to tell whether it stays
+ * takes longer. */
 static bool has_asked(const mni_navigator *nav, uint32_t missed, uint32_t splits, uint32_t count) {
-    const bool stays = keeps(nav);
-    if (nav->early_splits && mni_navigator_effort(nav) + (stays ? 1 : 2) * count >= nav->effort_max)
-        return true;
-    return missed >= (stays ? MNI_KEPT_MAX : MNI_MISSED_MAX) ||
-           splits >= (stays ? MNI_KEPT_MAX : MNI_SURVEY_MAX);
+    const double effort = nav->early_splits ? mni_navigator_effort(nav) : -INFINITY;
+    if (missed < MNI_MISSED_MAX && splits < MNI_SURVEY_MAX && effort + 2 * count < nav->effort_max)
+        return false;
+    return !keeps(nav) || missed >= MNI_KEPT_MAX || splits >= MNI_KEPT_MAX ||
+           effort + count >= nav->effort_max;
 }
 
 /* What has been split of a chain stays, or is undone. */

@@ -52,6 +52,10 @@ static float due_after(const mni_navigator *nav, float margin) {
     return (nav->clock + margin) * (1 - 1e-6f);
 }
 
+static inline float nearer(float a, float b) {
+    return a < b ? a : b;
+}
+
 /* A fork's turn: by order id; or by place, so that neighbours have theirs one after the other. */
 static uint32_t fork_key(const mni_navigator *nav, uint32_t fork) {
     const mni_front_branch *b = &nav->front.branch[fork];
@@ -96,7 +100,7 @@ static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count, boo
             stays =
                 stays || (soon[i] == MNI_UNSURE && mni_lens_wants(&nav->ahead.soon.lens, &bounds));
         }
-        const float least = fminf(margin[i], soon_margin[i]);
+        const float least = nearer(margin[i], soon_margin[i]);
         nav->fork_due[fork[i]] = kept ? LOOK
                                       : due_after(nav, wants   ? margin[i]
                                                        : stays ? soon_margin[i]
@@ -319,7 +323,7 @@ static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
         const bool splits =
             mni_front_is_active(&nav->front, slot[i]) && !mni_front_is_leaf(&nav->front, slot[i]);
         const bool far = verdict[i] == MNI_UNWANTED && soon[i] == MNI_UNWANTED;
-        float due = far ? due_after(nav, fminf(margin[i], soon_margin[i])) : LOOK;
+        float due = far ? due_after(nav, nearer(margin[i], soon_margin[i])) : LOOK;
         nav->slot_due[slot[i]] = splits ? due : NEVER;
         if (far || !splits)
             continue;
@@ -335,19 +339,15 @@ static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
  * whole batches. */
 static uint64_t slots_due(mni_navigator *nav, uint32_t first) {
     const mni_front *f = &nav->front;
-    const float *position = &f->position[3 * (size_t)first];
-    float *due = &nav->slot_due[first], margin[MNI_SIEVE_BATCH], soon[MNI_SIEVE_BATCH];
+    const mni_sieve *soon = nav->early ? &nav->ahead.soon.sieve : NULL;
+    float *due = &nav->slot_due[first], margin[MNI_SIEVE_BATCH];
     uint64_t late = mni_sieve_late(due, nav->clock), near = 0;
     if (late == 0)
         return 0;
-    mni_sieve_far(&nav->sieve, position, &f->radius[first], &f->switch_value[first], margin);
-    if (nav->early)
-        mni_sieve_far(&nav->ahead.soon.sieve, position, &f->radius[first], &f->switch_value[first],
-                      soon);
+    mni_sieve_far(&nav->sieve, soon, &f->position[3 * (size_t)first], &f->radius[first],
+                  &f->switch_value[first], margin);
     for (; late != 0; late &= late - 1) {
         int i = __builtin_ctzll(late);
-        if (nav->early)
-            margin[i] = fminf(margin[i], soon[i]);
         due[i] = due_after(nav, margin[i]);
         near |= (uint64_t)(margin[i] <= 0) << i;
     }

@@ -266,17 +266,25 @@ bool mni_sieve_wants(const mni_sieve *s, const mni_lens *lens, const mni_bounds 
     return true;
 }
 
-static inline __attribute__((always_inline)) void far_all(const mni_sieve *s, const float *position,
-                                                          const float *radius,
-                                                          const float *switch_value,
-                                                          float *margin) {
-    for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
-        float dx = position[3 * i] - s->eye[0], dy = position[3 * i + 1] - s->eye[1];
-        float dz = position[3 * i + 2] - s->eye[2], d = sqrtf(dx * dx + dy * dy + dz * dz);
-        float slack = s->slack + RELATIVE * d;
-        float room = d - (s->reach_most * switch_value[i] + radius[i]) * (1 + RELATIVE) - slack;
-        margin[i] = most_of(room, 0);
-    }
+static inline __attribute__((always_inline)) float far_room(const mni_sieve *s, const float *at,
+                                                            float radius, float switch_value) {
+    float dx = at[0] - s->eye[0], dy = at[1] - s->eye[1], dz = at[2] - s->eye[2];
+    float d = sqrtf(dx * dx + dy * dy + dz * dz), slack = s->slack + RELATIVE * d;
+    return most_of(d - (s->reach_most * switch_value + radius) * (1 + RELATIVE) - slack, 0);
+}
+
+static inline __attribute__((always_inline)) void
+far_all(const mni_sieve *s, const mni_sieve *soon, const float *position, const float *radius,
+        const float *switch_value, float *margin) {
+    if (soon == NULL)
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++)
+            margin[i] = far_room(s, &position[3 * i], radius[i], switch_value[i]);
+    else
+        for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
+            float room = far_room(s, &position[3 * i], radius[i], switch_value[i]);
+            float then = far_room(soon, &position[3 * i], radius[i], switch_value[i]);
+            margin[i] = least_of(room, then);
+        }
 }
 
 static inline __attribute__((always_inline)) void judge_all(const mni_sieve *s,
@@ -299,10 +307,10 @@ __attribute__((target("avx2"))) static void judge_avx2(const mni_sieve *s, const
     judge_all(s, b, verdict, margin);
 }
 
-__attribute__((target("avx2"))) static void far_avx2(const mni_sieve *s, const float *position,
-                                                     const float *radius, const float *switch_value,
-                                                     float *margin) {
-    far_all(s, position, radius, switch_value, margin);
+__attribute__((target("avx2"))) static void far_avx2(const mni_sieve *s, const mni_sieve *soon,
+                                                     const float *position, const float *radius,
+                                                     const float *switch_value, float *margin) {
+    far_all(s, soon, position, radius, switch_value, margin);
 }
 #endif
 
@@ -344,15 +352,15 @@ uint64_t mni_sieve_late(const float due[MNI_SIEVE_BATCH], float clock) {
     return bits;
 }
 
-void mni_sieve_far(const mni_sieve *s, const float *position, const float *radius,
-                   const float *switch_value, float margin[MNI_SIEVE_BATCH]) {
+void mni_sieve_far(const mni_sieve *s, const mni_sieve *soon, const float *position,
+                   const float *radius, const float *switch_value, float margin[MNI_SIEVE_BATCH]) {
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2")) {
-        far_avx2(s, position, radius, switch_value, margin);
+        far_avx2(s, soon, position, radius, switch_value, margin);
         return;
     }
 #endif
-    far_all(s, position, radius, switch_value, margin);
+    far_all(s, soon, position, radius, switch_value, margin);
 }
 
 void mni_sieve_judge(const mni_sieve *s, const mni_sieve_batch *b, uint8_t verdict[MNI_SIEVE_BATCH],

@@ -59,9 +59,9 @@ bool mni_sieve_wants(const mni_sieve *sieve, const mni_lens *lens, const mni_bou
 double mni_sieve_motion(const mni_lens *from, const mni_lens *to, double size);
 /* Nodes that are unwanted wherever the camera looks, as most of a front are: said from their
  * distance alone, of MNI_SIEVE_BATCH nodes whose bounds lie one after the other. Above 0: so it is,
- * and stays so for that much motion; 0: judge it. */
-void mni_sieve_far(const mni_sieve *sieve, const float *position, const float *radius,
-                   const float *switch_value, float margin[MNI_SIEVE_BATCH]);
+ * and stays so for that much motion; 0: judge it. soon: for that camera too; or NULL. */
+void mni_sieve_far(const mni_sieve *sieve, const mni_sieve *soon, const float *position,
+                   const float *radius, const float *switch_value, float margin[MNI_SIEVE_BATCH]);
 /* Bit i: due[i] is not above the clock. */
 uint64_t mni_sieve_late(const float due[MNI_SIEVE_BATCH], float clock);
 /* Of all of a batch; whoever has filled less looks at so many. margin: the verdict, if there is

@@ -81,7 +81,8 @@ static void move_to_the_edge(node *n, const mni_lens *lens) {
 }
 
 /* From the same bounds, laid out otherwise. */
-static void far_margins(const mni_sieve *sieve, const node *nodes, float far[MNI_SIEVE_BATCH]) {
+static void far_margins(const mni_sieve *sieve, const mni_sieve *soon, const node *nodes,
+                        float far[MNI_SIEVE_BATCH]) {
     float position[3 * MNI_SIEVE_BATCH], radius[MNI_SIEVE_BATCH], value[MNI_SIEVE_BATCH];
     for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
         for (int k = 0; k < 3; k++)
@@ -89,12 +90,26 @@ static void far_margins(const mni_sieve *sieve, const node *nodes, float far[MNI
         radius[i] = nodes[i].radius;
         value[i] = nodes[i].switch_value;
     }
-    mni_sieve_far(sieve, position, radius, value, far);
+    mni_sieve_far(sieve, soon, position, radius, value, far);
+}
+
+/* For two cameras: the lesser of what each says. */
+static void check_both(const mni_sieve *sieve, const node *nodes,
+                       const float far[MNI_SIEVE_BATCH]) {
+    const mni_lens other = random_lens(1, 1);
+    mni_sieve soon;
+    float then[MNI_SIEVE_BATCH], both[MNI_SIEVE_BATCH];
+    mni_sieve_make(&soon, &other, 1);
+    far_margins(&soon, NULL, nodes, then);
+    far_margins(sieve, &soon, nodes, both);
+    for (int i = 0; i < MNI_SIEVE_BATCH; i++)
+        ck_assert_float_eq(both[i], fminf(far[i], then[i]));
 }
 
 static void check_far(const mni_sieve *sieve, const mni_lens *lens, const node *nodes) {
     float far[MNI_SIEVE_BATCH];
-    far_margins(sieve, nodes, far);
+    far_margins(sieve, NULL, nodes, far);
+    check_both(sieve, nodes, far);
     for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
         mni_bounds bounds = bounds_of(&nodes[i]);
         ck_assert(!(far[i] > 0) ||
@@ -226,7 +241,7 @@ START_TEST(margins_hold) {
                           nodes[i].cone);
         }
         mni_sieve_judge(&sieve, &batch, verdict, margin);
-        far_margins(&sieve, nodes, far);
+        far_margins(&sieve, NULL, nodes, far);
         for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
             mni_bounds bounds = bounds_of(&nodes[i]);
             bool wanted = mni_lens_wants(&after, &bounds);
