@@ -55,6 +55,9 @@ void mni_heap_close(mni_heap *heap);
 static inline uint32_t mni_heap_top(const mni_heap *heap) {
     return heap->count > 0 ? heap->item[0].vertex : UINT32_MAX;
 }
+static inline bool mni_heap_has(const mni_heap *heap, uint32_t vertex) {
+    return heap->at[vertex] != UINT32_MAX;
+}
 /* Of a vertex that is there. */
 static inline mni_heap_key mni_heap_key_of(const mni_heap *heap, uint32_t vertex) {
     return heap->item[heap->at[vertex]].key;

@@ -382,13 +382,22 @@ static void offer_next(mni_simplifier *s, uint32_t r) {
         mni_heap_set(&s->heap, r, best);
 }
 
-/* k has come into r's ring, or become cheaper to reach. */
-static bool lower_floor(mni_simplifier *s, uint32_t r, uint32_t k) {
+/* k has come into r's ring, or become cheaper to reach. Returns the key of r → k. */
+static mni_heap_key lower_floor(mni_simplifier *s, uint32_t r, uint32_t k) {
     mni_vertex *v = &s->surface.vertex[r];
     mni_heap_key key = key_of(s, r, k);
-    bool lower = key < v->floor;
-    v->floor = lower ? key : v->floor;
-    return lower;
+    v->floor = key < v->floor ? key : v->floor;
+    return key;
+}
+
+/* Whether what r offers is the least of its candidates, as all were looked at, and is one still
+ * when `removed` has left its ring. What others cost has only risen. */
+static bool offers_least(const mni_simplifier *s, uint32_t r, uint32_t removed) {
+    const mni_vertex *v = &s->surface.vertex[r];
+    if ((v->stale | v->tried | v->measured | v->hub) || !mni_heap_has(&s->heap, r))
+        return false;
+    uint32_t kept = mni_heap_key_kept(mni_heap_key_of(&s->heap, r));
+    return kept != removed && (s->hubs.taken == 0 || !s->surface.vertex[kept].hub);
 }
 
 /* r's ring has changed, `removed` having gone into k in it: whatever was tried may be tried again.
@@ -399,8 +408,14 @@ static void touch(mni_simplifier *s, uint32_t r, uint32_t removed, uint32_t k) {
         lower_floor(s, r, k);
         return;
     }
+    mni_heap_key floor = v->floor, key = lower_floor(s, r, k);
+    if (offers_least(s, r, removed)) {
+        if (key < mni_heap_key_of(&s->heap, r))
+            mni_heap_set(&s->heap, r, key);
+        return;
+    }
     v->stale = true;
-    if (lower_floor(s, r, k) || v->tried)
+    if (key < floor || v->tried)
         mni_heap_set(&s->heap, r, v->floor);
     v->tried = false;
 }
@@ -454,12 +469,13 @@ static bool is_least(mni_simplifier *s, uint32_t r, mni_heap_key key) {
             return true;
         key = best_candidate(s, r, 0);
     }
-    for (mni_heap_key at = key; at < best; at = best_candidate(s, r, at + 1)) {
+    for (mni_heap_key at = key; at < best;) {
         uint32_t to = mni_heap_key_kept(at);
         if ((at == key && !v->measured) || allowed(s, r, to)) {
             mni_heap_key measured = is_pole(s, to) ? at : measured_key(s, r, to, at);
             best = measured < best ? measured : best;
         }
+        at = at < best ? best_candidate(s, r, at + 1) : best;
     }
     if (best == key && !v->measured)
         return true;
@@ -587,10 +603,20 @@ static bool order_is_checked(const mni_simplifier *s, uint32_t r, uint32_t k) {
            s->surface.vertex[k].fan.count <= ORDER_FAN_MAX && !s->surface.vertex[k].hub;
 }
 
+/* Whether k, which has become another, looks at its candidates at once: all that it asks about has
+ * just been read. Who has many waits until its turn shows that they matter. */
+static bool looks_at_once(const mni_vertex *k) {
+    return !k->hub && k->fan.count <= MNI_WHEEL_MAX;
+}
+
 /* k has become another, and perhaps a hub, which rests at first: or one that goes from neighbour to
  * neighbour would move all of its simplices each time. */
 static void wake_kept(mni_simplifier *s, uint32_t k) {
     mni_vertex *v = &s->surface.vertex[k];
+    if (looks_at_once(v)) {
+        offer(s, k);
+        return;
+    }
     if (v->hub) {
         if (!touch_hub(s, k, MN_NONE, MN_NONE))
             return;
@@ -655,11 +681,13 @@ static mn_code collapse(mni_simplifier *s, uint32_t r, uint32_t k) {
         float floor = mni_heap_key_cost(vertex[k].floor) * FLOOR_MARGIN;
         vertex[k].floor = mni_heap_key_make(floor, mni_heap_key_kept(vertex[k].floor));
     }
+    const bool looks = looks_at_once(&vertex[k]);
     for (uint32_t i = 0; i < j->ring_count; i++) {
         uint32_t n = j->around[i];
         if (n != k) {
             touch(s, n, r, k);
-            lower_floor(s, k, n);
+            if (!looks)
+                lower_floor(s, k, n);
             if (s->part.closed != NULL) {
                 mni_wait_meet(&s->part, n, k);
                 mni_wait_meet(&s->part, k, n);
