@@ -187,12 +187,13 @@ mn_code temp_plan(temp_files *files, uint64_t bytes, const char *out, mn_status 
     return check(files, files->held_bytes, out, st);
 }
 
-/* Bytes on disk of an open file without a name; 0: it has one. */
+/* Bytes on disk of an open file without a name; 0: it has one. By number: to follow the link takes
+ * ten times as long. */
 static uint64_t held_by(const char *fd) {
-    char link[64];
+    char *end;
     struct stat info;
-    snprintf(link, sizeof link, "/proc/self/fd/%.20s", fd);
-    if (stat(link, &info) != 0 || !S_ISREG(info.st_mode) || info.st_nlink > 0)
+    const long number = strtol(fd, &end, 10);
+    if (end == fd || fstat((int)number, &info) != 0 || !S_ISREG(info.st_mode) || info.st_nlink > 0)
         return 0;
     return (uint64_t)info.st_blocks * 512;
 }
