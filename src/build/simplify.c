@@ -207,8 +207,17 @@ static mni_heap_key next_offer(mni_simplifier *s, uint32_t r, mni_heap_key from)
 /* Of the keys of v and its neighbours. */
 static float largest_key(mni_simplifier *s, uint32_t v) {
     const float *of = s->part.key;
+    const mni_wheel *wheel = &s->judge.wheel;
     float key = of[v];
     uint32_t count;
+    if (mni_judge_wheel(&s->judge, &s->surface, v)) {
+        for (uint32_t i = 0; i < wheel->count; i++) {
+            float next = of[wheel->next[i]], previous = of[wheel->previous[i]];
+            next = next > previous ? next : previous;
+            key = key > next ? key : next;
+        }
+        return key;
+    }
     const uint32_t *fan = mni_surface_fan(&s->surface, v, &count);
     for (uint32_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
