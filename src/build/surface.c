@@ -178,7 +178,7 @@ static inline __attribute__((always_inline)) uint32_t read_four(const mni_surfac
         memcpy(&wheel->previous[kept], &previous, sizeof previous);
         for (uint32_t l = 0; kept != i && l < FOUR && (bits >> l & 1) != 0; l++)
             list[kept + l] = x.id[l];
-        return kept + (uint32_t)__builtin_popcount(bits);
+        return kept + (uint32_t)__builtin_ctz(~bits); /* as many as are alive */
     }
     for (uint32_t l = 0; l < FOUR; l++) { /* the place may be the last one, and stays free */
         if ((bits >> l & 1) == 0)
