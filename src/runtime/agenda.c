@@ -29,12 +29,8 @@ void mni_agenda_clear(mni_agenda *a) {
     a->queues = false;
 }
 
-static inline uint64_t rank(const mni_agenda_item *item) {
-    return (uint64_t)item->key << 32 | item->order;
-}
-
 static inline bool before(const mni_agenda_item *a, const mni_agenda_item *b) {
-    return rank(a) < rank(b);
+    return mni_agenda_rank(a) < mni_agenda_rank(b);
 }
 
 /* ---- the heap: four below each --------------------------------------------------------------- */

@@ -50,6 +50,17 @@ static inline void mni_agenda_add_if(mni_agenda *agenda, mni_agenda_item item, b
 }
 void mni_agenda_push(mni_agenda *agenda, mni_agenda_item item);
 bool mni_agenda_pop(mni_agenda *agenda, mni_agenda_item *out); /* false: empty */
+/* Key and order as one number, of an item and of the one that would be popped; of none the largest
+ * there is. Not of a queue. */
+static inline uint64_t mni_agenda_rank(const mni_agenda_item *item) {
+    return (uint64_t)item->key << 32 | item->order;
+}
+static inline uint64_t mni_agenda_first(const mni_agenda *agenda) {
+    const uint64_t pushed = agenda->heap > 0 ? mni_agenda_rank(&agenda->item[0]) : UINT64_MAX;
+    const uint64_t added =
+        agenda->next < agenda->max ? mni_agenda_rank(&agenda->item[agenda->next]) : UINT64_MAX;
+    return pushed < added ? pushed : added;
+}
 /* What is to be popped next as far as nothing is pushed before it: up to count items, *count of
  * them. */
 const mni_agenda_item *mni_agenda_ahead(mni_agenda *agenda, uint32_t *count);

@@ -30,7 +30,7 @@
 #include "refusals.h"
 #include "split_key.h"
 
-enum { FETCHED = 12, TOGETHER = 16 }; /* nodes to split; forks to test */
+enum { FETCHED = 12, PASSED = 64, TOGETHER = 16 }; /* nodes to split, in so many; forks to test */
 
 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet */
 #define CLOCK_MAX 1000
@@ -41,8 +41,9 @@ enum { FETCHED = 12, TOGETHER = 16 }; /* nodes to split; forks to test */
 #define EFFORT_MAX 1.75
 enum { EFFORT_LEAST = 16, EFFORT_FRAMES = 8 };
 #define OP_SECONDS 5e-7 /* that an operation takes, about: of a simulated disk's time */
-#define LOOK (-1.0f)    /* due now: the clock of motion begins at 0 */
-#define NEVER INFINITY  /* nobody is in the slot, or a leaf: who comes sets it */
+#define LOOK MNI_DUE_NOW
+#define BARRED 0x80000000u /* in an item of the agenda: a bit of no slot */
+#define NEVER INFINITY     /* nobody is in the slot, or a leaf: who comes sets it */
 
 /* ---- collapses ------------------------------------------------------------------------------ */
 
@@ -235,6 +236,8 @@ static void collapse(mni_navigator *nav, uint32_t fork) {
     }
     MNI_TRACE_OFTEN(MN_TRACE_COLLAPSE,
                     mni_store_block_id(front->store, mni_front_entry(front, parent, left)));
+    mni_barred_drop(&nav->barred, left);
+    mni_barred_drop(&nav->barred, right);
     nav->slot_due[left] = LOOK;
     nav->slot_due[right] = NEVER;
     wake(nav, left);
@@ -297,7 +300,7 @@ static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *ite
 }
 
 static bool item_stands(const void *context, mni_agenda_item item) {
-    return mni_front_stands(context, (mni_front_ref){item.what, item.order});
+    return mni_front_stands(context, (mni_front_ref){item.what & ~BARRED, item.order});
 }
 
 /* A node is considered once, when the pass begins or when it comes to be; those that still stand
@@ -309,6 +312,19 @@ static void consider_split(mni_navigator *nav, uint32_t slot) {
     if (mni_agenda_is_full(&nav->agenda))
         mni_agenda_keep(&nav->agenda, item_stands, &nav->front);
     mni_agenda_push(&nav->agenda, item);
+}
+
+/* Who has been refused is marked: as long as he is wanted for sure, and refused, he need not be
+ * looked at. Where splits go by place the list would not be in order. */
+static mni_agenda_item may_bar(mni_navigator *nav, mni_agenda_item item, uint8_t verdict,
+                               float margin) {
+    const float due = due_after(nav, margin);
+    if (verdict != MNI_WANTED || due <= nav->clock || nav->by_place ||
+        !mni_refusals_has(nav, item.what))
+        return item;
+    mni_barred_mark(&nav->barred, item.what, due);
+    item.what |= BARRED;
+    return item;
 }
 
 /* Those of a batch of slots that are wanted, onto the agenda; those that are not and will be in a
@@ -328,7 +344,7 @@ static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
         if (far || !splits)
             continue;
         if (verdict[i] != MNI_UNWANTED && wanted(nav, slot[i], &item))
-            mni_agenda_add(&nav->agenda, item);
+            mni_agenda_add(&nav->agenda, may_bar(nav, item, verdict[i], margin[i]));
         else if (soon[i] != MNI_UNWANTED && nav->soon_count < MNI_SOON_MAX)
             nav->soon[nav->soon_count++] = slot[i];
     }
@@ -342,6 +358,7 @@ static uint64_t slots_due(mni_navigator *nav, uint32_t first) {
     const mni_sieve *soon = nav->early ? &nav->ahead.soon.sieve : NULL;
     float *due = &nav->slot_due[first], margin[MNI_SIEVE_BATCH];
     uint64_t late = mni_sieve_late(due, nav->clock), near = 0;
+    late &= ~mni_barred_bits(&nav->barred, first);
     if (late == 0)
         return 0;
     mni_sieve_far(&nav->sieve, soon, &f->position[3 * (size_t)first], &f->radius[first],
@@ -365,6 +382,7 @@ static void split_agenda(mni_navigator *nav) {
             uint32_t at = first + (uint32_t)__builtin_ctzll(bits);
             if (at >= f->slots_high)
                 break;
+            mni_front_fetch_node(f, at);
             mni_sieve_put(&nav->batch, count, &f->position[3 * (size_t)at], f->radius[at],
                           f->switch_value[at], f->face[at].cone);
             slot[count++] = at;
@@ -413,27 +431,31 @@ static mni_outcome chain_try(mni_navigator *nav, uint32_t slot, uint32_t *count)
             return outcome;
         mni_refusals_put(nav, slot);
     }
-    mni_refusals_seek(nav, slot);
+    mni_refusals_seek(nav, &nav->refusal[slot]);
     return outcome;
 }
 
-/* What the next splits of those that were wanted from the start will touch, is asked for. Returns
- * up to where, in the agenda. */
+/* What the next splits of those that were wanted from the start will touch, is asked for, but for
+ * those that stand refused. Returns up to where, in the agenda. */
 static uint32_t fetch_ahead(mni_navigator *nav) {
     mni_front *front = &nav->front;
-    uint32_t count = FETCHED;
-    const mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &count);
+    uint32_t left = PASSED, at = 0, count = 0, slot[FETCHED];
+    const mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &left);
+    for (; at < left && count < FETCHED; at++) {
+        slot[count] = next[at].what;
+        count += (next[at].what & BARRED) == 0;
+    }
     for (uint32_t i = 0; i < count; i++)
-        mni_front_fetch_node(front, next[i].what);
+        mni_front_fetch_node(front, slot[i]);
     for (uint32_t i = 0; i < count; i++)
-        mni_front_fetch_simplices(front, next[i].what, true);
+        mni_front_fetch_simplices(front, slot[i], true);
     for (uint32_t i = 0; i < count; i++)
-        __builtin_prefetch(&front->branch[front->node[next[i].what].parent]);
+        __builtin_prefetch(&front->branch[front->node[slot[i]].parent]);
     for (uint32_t i = 0; i < count; i++)
-        mni_front_fetch_ring(front, next[i].what);
+        mni_front_fetch_ring(front, slot[i]);
     for (uint32_t i = 0; i < count; i++)
-        mni_front_fetch_record(front, next[i].what);
-    return nav->agenda.next + count;
+        mni_front_fetch_record(front, slot[i]);
+    return nav->agenda.next + at;
 }
 
 /* The slot of a child, or that its leftmost descendant has. */
@@ -448,6 +470,7 @@ static inline uint32_t first_slot(const mni_front *front, uint32_t child) {
 static bool keep_split(mni_navigator *nav, uint32_t branch) {
     const mni_front *front = &nav->front;
     const mni_front_branch *b = &front->branch[branch];
+    mni_barred_drop(&nav->barred, b->slot);
     float due = nav->slot_due[b->slot];
     MNI_TRACE_OFTEN(MN_TRACE_SPLIT, mni_store_block_id(front->store, b->home));
     mni_front_release(&nav->front, branch);
@@ -509,8 +532,38 @@ static bool list_missed(mni_navigator *nav, mni_agenda_item item) {
     return true;
 }
 
-/* All that is on the agenda, and what comes to be wanted by it. counts: whoever cannot be split has
- * no other turn in this frame, but for those on the list. before: who had one; NULL: nobody. */
+/* Whoever is barred and has his turn before the agenda's next is refused as he was, or, if he
+ * would be no longer, is the item whose turn it is. */
+static bool barred_turn(mni_navigator *nav, mni_outcome closed, mni_agenda_item *item) {
+    const uint64_t rank = mni_agenda_first(&nav->agenda);
+    const mni_barred_node *next;
+    while ((next = mni_barred_next(&nav->barred, rank)) != NULL) {
+        if (closed == MNI_DONE && !mni_refusals_stands_barred(nav, next)) {
+            *item = next->item;
+            mni_barred_drop(&nav->barred, item->what);
+            return true;
+        }
+        if (closed == MNI_DONE)
+            mni_refusals_seek(nav, &next->refusal);
+        refuse(nav, next->item.key, closed == MNI_DONE ? MNI_REFUSED_POOL : closed);
+        mni_barred_keep(&nav->barred, next);
+    }
+    return false;
+}
+
+/* An item that was marked has had its turn. */
+static void barred_put(mni_navigator *nav, mni_agenda_item item, mni_outcome outcome) {
+    if (!mni_barred_has(&nav->barred, item.what))
+        return;
+    if (outcome == MNI_REFUSED_POOL && nav->refusal[item.what].block_id != 0)
+        mni_barred_add(&nav->barred, item, nav->refusal[item.what]);
+    else
+        mni_barred_drop(&nav->barred, item.what);
+}
+
+/* All that is on the agenda or barred, and what comes to be wanted by it. counts: whoever cannot be
+ * split has no other turn in this frame, but for those on the list. before: who had one; NULL:
+ * nobody. */
 static void splits_make(mni_navigator *nav, bool counts, const turn_before *before) {
     mni_front *front = &nav->front;
     mni_outcome closed = MNI_DONE; /* front or budget: whoever comes after is refused unseen */
@@ -519,19 +572,21 @@ static void splits_make(mni_navigator *nav, bool counts, const turn_before *befo
     for (;;) {
         if (nav->agenda.next >= fetched)
             fetched = fetch_ahead(nav);
-        if (!mni_agenda_pop(&nav->agenda, &item))
+        if (!barred_turn(nav, closed, &item) && !mni_agenda_pop(&nav->agenda, &item))
             break;
         if (closed == MNI_DONE && mni_refusals_wait(nav, item))
             continue;
-        const uint32_t slot = item.what, triangles = front->triangles;
-        uint32_t count = 0;
         if (!item_stands(front, item)) /* forced by another */
             continue;
+        item.what &= ~BARRED;
+        const uint32_t slot = item.what, triangles = front->triangles;
+        uint32_t count = 0;
         mni_outcome outcome = closed;
         if (closed == MNI_DONE)
             outcome = chain_try(nav, slot, &count);
         else if ((item.key & MNI_PUT_OFF) != 0 || lacked_before(before, item))
             outcome = MNI_MISS; /* in its turn it was its block that was absent */
+        barred_put(nav, item, outcome);
         keep_chain(nav, count, triangles);
         if (closed == MNI_DONE && outcome == MNI_MISS && nav->there_only) {
             mni_refusals_put_off(nav, item);
@@ -550,6 +605,7 @@ static void splits_make(mni_navigator *nav, bool counts, const turn_before *befo
 static void split_pass(mni_navigator *nav) {
     nav->missed_count = 0;
     mni_refusals_begin(nav);
+    mni_barred_begin(&nav->barred, nav->clock, nav->frame);
     split_agenda(nav);
     splits_make(nav, true, NULL);
 }
@@ -706,6 +762,7 @@ static void clock_advance(mni_navigator *nav, double motion) {
         return;
     }
     nav->clock = 0;
+    mni_barred_clear(&nav->barred);
     for (uint32_t i = 0; i < nav->front.slots_high; i++)
         nav->fork_due[i] = LOOK;
     for (uint32_t i = 0; i < nav->front.slots_high; i++)
@@ -775,6 +832,7 @@ size_t mni_navigator_need_bytes(const mn_header *header, uint32_t nodes_max,
            mni_arena_need(MNI_STACK_MAX, sizeof(uint16_t), 64) +
            mni_arena_need(chain_room(nodes_max), sizeof(uint32_t), 64) +
            mni_lacking_need(nodes_max) + mni_arena_need(nodes_max, sizeof(mni_refusal), 64) +
+           mni_barred_need(nodes_max) +
            2 * mni_arena_need(whole_batches(nodes_max), sizeof(float), 64) +
            mni_arena_need(MNI_SOON_MAX, sizeof(uint32_t), 64);
 }
@@ -803,6 +861,7 @@ mn_code mni_navigator_open(mni_navigator *nav, mni_store *store, const mn_header
     nav->fork_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
     nav->soon = mni_arena_take(arena, MNI_SOON_MAX, sizeof *nav->soon, 64);
     nav->slot_due = mni_arena_take(arena, whole_batches(nodes_max), sizeof(float), 64);
+    mni_barred_open(&nav->barred, nodes_max, nav->slot_due, arena);
     mni_level_open(&nav->level);
     nav->level.settled = true;
     nav->coordinate_max = mni_coordinate_max(header);

@@ -7,6 +7,7 @@
 #include "front.h"
 #include "lacking.h"
 #include "level.h"
+#include "barred.h"
 #include "sieve.h"
 #include "waiting.h"
 
@@ -61,10 +62,12 @@ typedef struct mni_navigator {
     uint32_t *chain;      /* chain_max branches */
     uint32_t chain_max;
     mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
+    mni_barred barred;    /* of those the ones that are wanted */
     mni_lacking lacking;  /* what this frame's chains have found absent */
     mni_waiting waiting;  /* forks that are not wanted and blocked */
     /* nodes_max: until the clock passes that, the last verdict stands. Of slots: unwanted now, and
-     * in a moment; of forks: wanted, now or then, or unwanted and waiting */
+     * in a moment, or, of those that are barred, wanted; of forks: wanted, now or then, or unwanted
+     * and waiting */
     float *fork_due, *slot_due;
 
     uint32_t fresh[MNI_SIEVE_BATCH]; /* that have become forks, and are to be judged … */

@@ -16,6 +16,7 @@ void mni_navigator_check(mni_navigator *nav) {
     mni_front *front = &nav->front;
     mni_front_check(front);
     mni_waiting_check(&nav->waiting);
+    mni_barred_check(&nav->barred);
     for (uint32_t b = 0; b < front->slots_high; b++) {
         bool waiting = mni_waiting_has(&nav->waiting, b);
         if (!mni_front_is_fork(front, b)) {
@@ -29,9 +30,14 @@ void mni_navigator_check(mni_navigator *nav) {
     }
     for (uint32_t slot = 0; slot < front->slots_high; slot++) {
         mni_bounds bounds = mni_front_bounds(front, slot);
+        const bool barred = mni_barred_has(&nav->barred, slot);
         if (mni_front_is_active(front, slot) && nav->slot_due[slot] > nav->clock)
             MN_ASSERT(mni_front_is_leaf(front, slot) ||
-                      !(wants_soon(nav, &bounds) || mni_lens_wants(&nav->lens, &bounds)));
+                      (barred
+                           ? mni_lens_wants(&nav->lens, &bounds)
+                           : !(wants_soon(nav, &bounds) || mni_lens_wants(&nav->lens, &bounds))));
+        MN_ASSERT(!barred || (mni_front_is_active(front, slot) && !mni_front_is_leaf(front, slot) &&
+                              nav->slot_due[slot] > nav->clock));
     }
 }
 

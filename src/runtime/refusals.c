@@ -50,15 +50,21 @@ void mni_refusals_end(mni_navigator *nav) {
 /* It needs the block that it was refused for as long as it stands. If it needs others too that
  * others have brought in meanwhile, it needs less room than then: so all are tried when nothing
  * else moves, and each in its turn. */
+static bool allows(const mni_navigator *nav, uint32_t order, const mni_refusal *refusal) {
+    const bool lenient = nav->lenient || (nav->moved && order % MNI_TURNS == nav->turn);
+    return mni_store_allows(nav->front.store, refusal, lenient);
+}
+
 bool mni_refusals_stands(const mni_navigator *nav, uint32_t slot) {
     if ((nav->front.node[slot].flags & MNI_NODE_GIVEN_UP) == 0)
         return false;
-    const mni_refusal *refusal = &nav->refusal[slot];
-    if (refusal->block_id == 0)
+    if (nav->refusal[slot].block_id == 0)
         return !nav->again;
-    bool lenient =
-        nav->lenient || (nav->moved && nav->front.node[slot].order % MNI_TURNS == nav->turn);
-    return !mni_store_allows(nav->front.store, refusal, lenient);
+    return !allows(nav, nav->front.node[slot].order, &nav->refusal[slot]);
+}
+
+bool mni_refusals_stands_barred(const mni_navigator *nav, const mni_barred_node *node) {
+    return !allows(nav, node->item.order, &node->refusal);
 }
 
 bool mni_refusals_lacks(const mni_navigator *nav, uint32_t slot) {
@@ -98,8 +104,8 @@ bool mni_refusals_bar(mni_navigator *nav, uint32_t top, uint32_t pushed) {
     return false;
 }
 
-void mni_refusals_seek(mni_navigator *nav, uint32_t slot) {
-    nav->seeks = nav->seeks && mni_store_seek(nav->front.store, &nav->refusal[slot]);
+void mni_refusals_seek(mni_navigator *nav, const mni_refusal *refusal) {
+    nav->seeks = nav->seeks && mni_store_seek(nav->front.store, refusal);
 }
 
 bool mni_refusals_wait(mni_navigator *nav, mni_agenda_item item) {

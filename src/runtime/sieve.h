@@ -62,6 +62,7 @@ double mni_sieve_motion(const mni_lens *from, const mni_lens *to, double size);
  * and stays so for that much motion; 0: judge it. soon: for that camera too; or NULL. */
 void mni_sieve_far(const mni_sieve *sieve, const mni_sieve *soon, const float *position,
                    const float *radius, const float *switch_value, float margin[MNI_SIEVE_BATCH]);
+#define MNI_DUE_NOW (-1.0f) /* the clock of motion begins at 0 */
 /* Bit i: due[i] is not above the clock. */
 uint64_t mni_sieve_late(const float due[MNI_SIEVE_BATCH], float clock);
 /* Of all of a batch; whoever has filled less looks at so many. margin: the verdict, if there is
