@@ -128,6 +128,41 @@ START_TEST(places_and_numbers) {
 }
 END_TEST
 
+/* What is sound, or brief, makes room for what lacks a block, however new it is; and what is
+ * forgotten for both. */
+START_TEST(what_is_worth_least_makes_room) {
+    enum { LAST = MNI_LACKING_WAYS - 1 };
+    mni_lacking lacking;
+    mni_arena arena = open_lacking(&lacking, 64);
+    uint32_t node[MNI_LACKING_WAYS + 1] = {0};
+    for (int i = 1; i <= MNI_LACKING_WAYS; i++)
+        node[i] = next_of_set(&lacking, node[i - 1]);
+    mni_lacking_forget(&lacking);
+    for (int i = 0; i < LAST; i++) {
+        mni_lacking_chain(&lacking);
+        mni_lacking_put(&lacking, node[i], 7, false);
+    }
+    mni_lacking_chain(&lacking);
+    if (_i == 0) {
+        mni_lacking_put_sound(&lacking, node[LAST]);
+        ck_assert(mni_lacking_is_sound(&lacking, node[LAST]));
+    } else {
+        mni_lacking_put(&lacking, node[LAST], 7, true);
+    }
+    mni_lacking_put(&lacking, node[LAST + 1], 8, false);
+    ck_assert_ptr_null(mni_lacking_find(&lacking, node[LAST]));
+    for (int i = 0; i <= LAST + 1; i++)
+        ck_assert((mni_lacking_of(&lacking, node[i]) != NULL) == (i != LAST));
+    mni_lacking_forget(&lacking);
+    mni_lacking_chain(&lacking);
+    for (int i = 0; i < MNI_LACKING_WAYS; i++)
+        mni_lacking_put_sound(&lacking, node[i]);
+    for (int i = 0; i < MNI_LACKING_WAYS; i++)
+        ck_assert(mni_lacking_is_sound(&lacking, node[i]));
+    mni_arena_close(&arena);
+}
+END_TEST
+
 /* Of a front, one node in 32 is remembered, nearly all of them: to lose much made chains search the
  * same nodes over and over, 100,000 in a frame that split a thousand. */
 START_TEST(a_share_of_the_front_is_remembered) {
@@ -154,6 +189,7 @@ int main(void) {
     TCase *tc = tcase_create("lacking");
     tcase_add_loop_test(tc, nothing_is_invented, 0, 5);
     tcase_add_test(tc, places_and_numbers);
+    tcase_add_loop_test(tc, what_is_worth_least_makes_room, 0, 2);
     tcase_add_test(tc, a_share_of_the_front_is_remembered);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
