@@ -10,8 +10,9 @@
 #include "mn_assert.h"
 
 /* k's fan is walked whole for the link condition up to this length; a longer one (a pole) is asked
- * about each ring vertex instead, through that vertex's own, shorter list. */
-enum { SHORT_FAN = 48, RING_ROOM = 64 };
+ * about each ring vertex instead, through that vertex's own, shorter list, unless those come to as
+ * much as so many of k's: a hub or two in the ring are found soon. */
+enum { SHORT_FAN = 48, LONG_LISTS = 16, RING_ROOM = 64 };
 _Static_assert((int)RING_ROOM >= (int)MNI_WHEEL_MAX, "a wheel's ring fits");
 
 static void cross(const float *o, const float *a, const float *b, double n[3]) {
@@ -185,10 +186,23 @@ static bool in_ring(const mni_judge *j, uint32_t vertex, uint32_t *at) {
     return j->seen[vertex] >> 32 == j->epoch;
 }
 
+/* Whether k's fan is to be walked: on a rim of many hubs all lists are long. */
+static bool fan_is_less(const mni_judge *j, const mni_surface *s, uint32_t k) {
+    const uint64_t fan = s->vertex[k].fan.count;
+    uint64_t lists = 0;
+    if (fan <= SHORT_FAN)
+        return true;
+    for (uint32_t i = 0; i < j->ring_count && j->ring_count >= LONG_LISTS; i++) {
+        const uint64_t list = s->vertex[j->around[i]].fan.count;
+        lists += list < fan ? list : fan;
+    }
+    return lists >= LONG_LISTS * fan;
+}
+
 /* Whether k has a neighbour in r's ring that is no apex of a triangle at kr. */
 static bool strays(mni_judge *j, mni_surface *s, uint32_t r, uint32_t k) {
     uint32_t count, at;
-    if (s->vertex[k].fan.count > SHORT_FAN) {
+    if (!fan_is_less(j, s, k)) {
         for (uint32_t i = 0; i < j->ring_count; i++)
             if (j->around[i] != k && j->ring[i].apexes == 0 &&
                 mni_surface_joined(s, j->around[i], k))

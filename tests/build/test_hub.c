@@ -181,6 +181,35 @@ START_TEST(test_hubs_do_not_add_up) {
 }
 END_TEST
 
+/* One rim under n tips: all lists at the rim are long, and whether a tip may go to one of its
+ * vertices was asked of each pair of them. */
+static double count_rim(uint32_t round, uint32_t tips) {
+    const size_t triangles = (size_t)round * tips;
+    mn_mesh m = {.position = malloc((round + tips) * 12), .corner = malloc(triangles * 12)};
+    maker k = {.m = &m, .random = 1};
+    mni_cell cell;
+    mn_status st = {0};
+    int asked = 0;
+    const uint32_t first = rim(&k, round, 1, 0);
+    for (uint32_t tip = 0; tip < tips; tip++) {
+        const uint32_t top = point(&k, 0.01 * (double)(tip % 64), 0, 1 + 0.001 * tip);
+        for (uint32_t i = 0; i < round; i++)
+            triangle(&k, top, first + i, first + (i + 1) % round);
+    }
+    ck_assert_msg(run(&cell, &m, (mni_poll){always, &asked}, &st) == MN_OK, "%s", st.text);
+    const double walked = (double)cell.s.surface.walked / (double)triangles;
+    printf("rim of %u under %u tips: %.1f entries walked a triangle\n", round, tips, walked);
+    mni_cell_close(&cell);
+    mn_mesh_free(&m);
+    return walked;
+}
+
+START_TEST(test_tips_on_one_rim) {
+    const double few = count_rim(100, 600), many = count_rim(200, 600);
+    ck_assert_double_lt(many, 1.5 * few);
+}
+END_TEST
+
 /* Distances from hubs are looked for, not all measured: they may be too large, never too small. */
 START_TEST(test_values_are_honest) {
     mn_mesh m;
@@ -248,6 +277,7 @@ int main(void) {
     tcase_set_timeout(result, 120);
     tcase_add_loop_test(work, test_work_is_linear, 0, KINDS);
     tcase_add_loop_test(work, test_hubs_do_not_add_up, 0, KINDS);
+    tcase_add_test(work, test_tips_on_one_rim);
     tcase_add_test(work, test_a_cell_can_be_stopped);
     tcase_add_loop_test(result, test_values_are_honest, 0, KINDS);
     tcase_add_test(result, test_a_line_is_too_deep);
