@@ -106,7 +106,7 @@ static void report_json(const build_steps *b) {
     if (h->blocks > 0)
         json_phase(&j, "block", &block);
     json_bytes(&j, b, &s);
-    json_u64(&j, "ram_cap_bytes", b->ram_bytes);
+    json_cap(&j, "ram_cap_bytes", b->ram_bytes);
     json_u64(&j, "rss_peak_bytes", cli_rss_peak_bytes());
     if (h->blocks > 0) {
         json_u64(&j, "l", h->l);

@@ -23,7 +23,7 @@ typedef struct words {
     const char *out, *temp_dir;
     uint64_t ram_bytes, work_bytes, position_bits, threads, levels, block_bytes, zstd_level;
     int metric, weld, reader, blocking;
-    bool resume, json;
+    bool resume, at_once, json;
 } words;
 
 static mn_code read_words(words *w, int argc, char **argv, unsigned steps, const char *help,
@@ -77,6 +77,8 @@ static mn_code read_words(words *w, int argc, char **argv, unsigned steps, const
         memcpy(flags + n, simplifies, sizeof simplifies);
         n += sizeof simplifies / sizeof simplifies[0];
     }
+    if (steps == BUILD_SIMPLIFIES)
+        flags[n++] = (cli_flag)CLI_SWITCH("at-once", &w->at_once);
     if (steps & BUILD_BLOCKS)
         memcpy(flags + n, blocks, sizeof blocks);
     return cli_flags(argc, argv, flags, help, done);
@@ -96,6 +98,9 @@ static mn_code check_words(const words *w, int argc, char **argv) {
         return cli_error(MN_USAGE, "%s: --block-bytes is for --blocking packed", argv[0]);
     if (w->block_bytes % MN_PAGE_BYTES != 0)
         return cli_error(MN_USAGE, "%s: --block-bytes is not a multiple of 4096 up to 1M", argv[0]);
+    if (w->at_once && (w->resume || w->ram_bytes != 0 || w->work_bytes != 0))
+        return cli_error(
+            MN_USAGE, "%s: --at-once has no --ram, no --work-ram and nothing to --resume", argv[0]);
     mn_code code = cli_output(argv[0], w->out, argv[optind]);
     return code == MN_OK ? cli_output_possible(w->out) : code;
 }
@@ -117,7 +122,8 @@ static void take_words(build_steps *b, const words *w) {
     b->out = w->out;
     b->json = w->json;
     b->resume = w->resume;
-    b->ram_bytes = w->ram_bytes != 0 ? w->ram_bytes : host_default_ram_bytes();
+    b->at_once = w->at_once;
+    b->ram_bytes = w->ram_bytes != 0 || w->at_once ? w->ram_bytes : host_default_ram_bytes();
     b->read = (mn_read_desc){.weld = (mn_weld)w->weld,
                              .reader = (mn_reader)w->reader,
                              .ram_bytes = b->ram_bytes,
@@ -209,7 +215,25 @@ static mn_code begin(build_steps *b) {
     return code;
 }
 
+/* The mesh and its tree in memory, without a bound, with which mn_simplify might choose cells. */
+static mn_code make_at_once(build_steps *b) {
+    mn_mesh mesh;
+    mn_code code = mn_mesh_read(b->in, &b->read, &mesh, &b->st);
+    if (code != MN_OK)
+        return code;
+    b->blocked.bytes_read = mesh.bytes_read;
+    code = mn_mesh_quantise(&mesh, b->simplify.position_bits, &b->st);
+    if (code == MN_OK)
+        code = mn_simplify(&mesh, &b->simplify, &b->whole, &b->st);
+    mn_mesh_free(&mesh);
+    if (code == MN_OK)
+        b->head = &b->whole;
+    return code;
+}
+
 mn_code build_make(build_steps *b) {
+    if (b->at_once)
+        return make_at_once(b);
     mn_code code = begin(b);
     if (code == MN_OK)
         code = mn_vdt_make(b->in, &b->read, &b->simplify, b->work, &b->vdt, &b->st);
@@ -249,10 +273,14 @@ mn_code build_block(build_steps *b) {
 
 mn_code build_write(build_steps *b) {
     const mn_watch watch = {progress, b};
-    mn_code code = mn_vdt_write(b->vdt, b->out, &watch, &b->st);
-    if (code == MN_OK) /* a copy */
-        b->blocked.bytes_read = b->blocked.bytes_written = cli_file_bytes(b->out);
-    return code;
+    mn_code code = b->at_once ? mn_tree_write(b->out, &b->whole, &b->st)
+                              : mn_vdt_write(b->vdt, b->out, &watch, &b->st);
+    if (code != MN_OK)
+        return code;
+    b->blocked.bytes_written = cli_file_bytes(b->out);
+    if (!b->at_once) /* a copy */
+        b->blocked.bytes_read = b->blocked.bytes_written;
+    return MN_OK;
 }
 
 /* The folder of finished phases goes, unless more disk or more memory is all that is missing: who
@@ -279,6 +307,7 @@ int build_end(build_steps *b) {
     if (b->st.code == MN_OK)
         build_report(b);
     mn_vdt_close(b->vdt);
+    mn_tree_free(&b->whole);
     const bool had_work = b->work != NULL;
     end_work(b);
     return cli_status_with(&b->st, had_work ? ", no finished phase is kept" : "");

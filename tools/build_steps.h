@@ -16,11 +16,14 @@ typedef struct build_steps {
     mn_read_desc read;
     mn_simplify_desc simplify;
     mn_block_desc block;
-    bool resume, json, blocks; /* the last: builds a .mnt */
+    bool resume, json;
+    bool blocks;  /* builds a .mnt */
+    bool at_once; /* the tree in memory, not in cells */
     /* what was done */
     temp_files temp;
     mn_work *work;
     mn_vdt *vdt;
+    mn_tree whole;       /* at_once: there is no vdt */
     const mn_tree *head; /* counts and facts; NULL: there is none yet */
     mn_header header;    /* blocks 0: nothing was blocked */
     mn_block_counts blocked;

@@ -20,6 +20,9 @@ static const char help[] =
     "  --work-ram SIZE       what cells and sorts share of --ram, for tests of little memory;\n"
     "                        where it is less than a cell takes, cells are smaller, and the\n"
     "                        tree is another\n"
+    "  --at-once             all of the mesh in memory, not in cells, however much that takes: "
+    "the\n"
+    "                        tree that trees made in cells are compared with\n"
     "  --json                figures as one JSON object\n";
 
 int cmd_simplify(int argc, char **argv) {

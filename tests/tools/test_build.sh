@@ -32,6 +32,18 @@ for options in "--blocking levels -L 3" "--block-bytes 4K" "--block-bytes 64K"; 
     expect 0 block a.vdt -o c.mnt $options
     expect 0 verify c.mnt --against in.ply
 done
+# --- at once, in memory: a tree of the same mesh, made without a cap, files or cells
+expect 0 simplify in.ply -o once.vdt --at-once --json
+for line in '"rounds": 1' '"ram_cap_bytes": null'; do
+    grep -q "$line" out.txt || fail "simplify --at-once: $line: $(cat out.txt)"
+done
+expect 0 verify once.vdt --against in.ply
+for option in "--ram 64M" "--work-ram 4M" --resume; do
+    # shellcheck disable=SC2086
+    expect 2 simplify in.ply -o z.vdt --at-once $option
+    says '--at-once has no'
+done
+expect 2 build in.ply -o z.mnt --at-once
 # --- compressed: the same tree, in fewer bytes, the same ones each time
 for options in "" "--blocking levels -L 3" "--block-bytes 64K"; do
     # shellcheck disable=SC2086 # options are words

@@ -40,7 +40,7 @@ done < <(grep -rhoE 'design\.md,? §[0-9.]+( (and|to)?,? ?§[0-9.]+)*' README.md
     grep -oE '§[0-9.]+' | tr -d '§' | sed 's/\.$//' | sort -u)
 
 # The scripts of bench/ take minutes and build what they need: --help does nothing of that.
-for script in bench/build bench/cgroup bench/navigator bench/paper bench/paper-tables bench/soak; do
+for script in bench/build bench/cgroup bench/navigator bench/paper bench/paper-tables bench/quality bench/soak; do
     METANODE=/nowhere "$script" --help 2>&1 </dev/null | grep -qF "$script" || fail "$script --help"
 done
 exit $((failures > 0))
