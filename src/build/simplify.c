@@ -824,8 +824,10 @@ mn_code mni_simplify_stage(mni_simplifier *s, int stage) {
         uint32_t r = mni_heap_top(&s->heap);
         if (r == UINT32_MAX && call_hubs(s))
             continue;
-        if (r == UINT32_MAX)
+        if (r == UINT32_MAX) {
+            MN_ASSERT_SLOW(s->part.closed == NULL || mni_wait_rings_hold(s));
             return s->judge.no_memory ? no_memory(s) : MN_OK;
+        }
         if (s->turns % POLL_EVERY == 0 && !go_on(s))
             return mn_fail(s->st, MN_FAILED, "interrupted");
         if (s->desc.stop_triangles > 0 && s->surface.alive_triangles <= s->desc.stop_triangles) {

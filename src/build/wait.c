@@ -39,6 +39,27 @@ void mni_wait_close(mni_simplifier *s, uint32_t r, uint32_t k, mni_heap_key key)
     }
 }
 
+/* n, beside v. */
+static bool waits_beside(const mni_simplifier *s, uint32_t v, uint32_t n) {
+    const mni_part *p = &s->part;
+    return s->surface.vertex[v].hub || s->surface.vertex[n].hub || p->ring[v] == INFINITY ||
+           p->closed[n] <= mni_wait_key(p->ring[v], 0);
+}
+
+bool mni_wait_rings_hold(const mni_simplifier *s) {
+    bool hold = true;
+    for (uint32_t x = 0; x < s->surface.simplices && hold; x++) {
+        const mni_simplex *simplex = &s->surface.simplex[x];
+        if (simplex->killed != MN_NONE)
+            continue;
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++)
+                if (a != b && simplex->v[a] != MN_NONE && simplex->v[b] != MN_NONE)
+                    hold &= waits_beside(s, simplex->v[a], simplex->v[b]);
+    }
+    return hold;
+}
+
 double mni_wait_ratio(const mni_part *p, uint32_t r, uint32_t k, mni_heap_key key) {
     mni_heap_key from = p->closed[r] < p->closed[k] ? p->closed[r] : p->closed[k];
     if (from == MNI_HEAP_KEY_NONE)

@@ -85,4 +85,7 @@ static inline void mni_wait_meet(mni_part *p, uint32_t v, uint32_t n) {
         p->closed[n] = from;
 }
 
+/* Does everybody wait who stands beside a vertex that does? Hubs are left out. O(simplices). */
+bool mni_wait_rings_hold(const mni_simplifier *s);
+
 #endif

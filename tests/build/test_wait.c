@@ -131,6 +131,13 @@ START_TEST(what_is_closed_stays_so) {
                 ck_assert_uint_le(closed[v], mni_wait_key(MNI_WAIT_RING * cost, 0));
         }
         ck_assert(mni_wait_is_idle(&simplifier.part, r, k, mni_heap_key_make(cost, k)));
+        ck_assert(mni_wait_rings_hold(&simplifier));
+    }
+    for (uint32_t v = 0; v < VERTICES; v++) { /* one that is open beside those that wait */
+        const mni_heap_key was = closed[v];
+        closed[v] = MNI_HEAP_KEY_NONE;
+        ck_assert(!mni_wait_rings_hold(&simplifier));
+        closed[v] = was;
     }
 }
 END_TEST
