@@ -21,6 +21,10 @@
 #include <stdint.h>
 #include <string.h>
 
+#if defined(__x86_64__)
+#include <emmintrin.h>
+#endif
+
 #include "heap.h"
 #include "metanode/build.h"
 
@@ -117,21 +121,26 @@ typedef uint32_t mni_four __attribute__((vector_size(16)));
 
 /* Which of four lanes are all ones, as bits. */
 static inline uint32_t mni_four_bits(const mni_four *lanes) {
+#if defined(__x86_64__)
+    return (uint32_t)_mm_movemask_ps((__m128)*lanes);
+#else
     const mni_four bit = *lanes & (mni_four){1, 2, 4, 8};
     const mni_four pair = bit | __builtin_shufflevector(bit, bit, 2, 3, 0, 1);
     return pair[0] | pair[1];
+#endif
 }
 
 /* Where v is first in such a list of a wheel; MNI_WHEEL_MAX: nowhere. */
 static inline uint32_t mni_wheel_find(const uint32_t *list, uint32_t count, uint32_t v) {
-    const mni_four bit = {1, 2, 4, 8};
     mni_four at[4];
     memcpy(at, list, sizeof at);
-    mni_four found = ((mni_four)(at[0] == v) & bit) | ((mni_four)(at[1] == v) & (bit << 4));
-    if (count > 8)
-        found |= ((mni_four)(at[2] == v) & (bit << 8)) | ((mni_four)(at[3] == v) & (bit << 12));
-    found |= __builtin_shufflevector(found, found, 2, 3, 0, 1);
-    return (uint32_t)__builtin_ctz(found[0] | found[1] | 1u << MNI_WHEEL_MAX);
+    mni_four a = (mni_four)(at[0] == v), b = (mni_four)(at[1] == v);
+    uint32_t found = mni_four_bits(&a) | mni_four_bits(&b) << 4;
+    if (count > 8) {
+        mni_four c = (mni_four)(at[2] == v), d = (mni_four)(at[3] == v);
+        found |= mni_four_bits(&c) << 8 | mni_four_bits(&d) << 12;
+    }
+    return (uint32_t)__builtin_ctz(found | 1u << MNI_WHEEL_MAX);
 }
 
 /* Nothing but haste: what will be asked about v soon is fetched meanwhile. Each wants the one
