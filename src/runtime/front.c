@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "mn_assert.h"
+#include "corners.h"
 #include "frame.h"
 #include "rate.h"
 #include "ring.h"
@@ -122,136 +123,6 @@ static void simplex_free(mni_front *f, uint32_t s) {
     f->simplex_stamp[mni_simplex_page(4 * s)] = (uint32_t)f->version;
     mni_vacancy_give(&f->simplices, s);
     f->simplices_used--;
-}
-
-/* ---- corner lists ---------------------------------------------------------------------------- */
-
-static uint32_t chunk_new(mni_front *f) {
-    uint32_t i = f->chunk_free;
-    if (i != MN_NONE) {
-        f->chunk_free = f->chunk[i].next;
-    } else {
-        MN_ASSERT(f->chunks_high < f->chunks_max);
-        i = f->chunks_high++;
-    }
-    memset(f->chunk[i].corner, 0, sizeof f->chunk[i].corner);
-    return i;
-}
-
-static void chunk_free(mni_front *f, uint32_t i) {
-    f->chunk[i].next = f->chunk_free;
-    f->chunk_free = i;
-}
-
-static uint32_t chunk_count(const mni_front_chunk *chunk) {
-    uint32_t count = 0;
-    while (count < MNI_FRONT_CHUNK && chunk->corner[count] != 0)
-        count++;
-    return count;
-}
-
-static void corners_clear(mni_front *f, uint32_t slot) {
-    memset(f->node[slot].corner, 0, sizeof f->node[slot].corner);
-    f->node[slot].more = MNI_FRONT_SHORT;
-}
-
-/* Onto a list whose record is full. */
-static void corner_push_far(mni_front *f, mni_front_node *n, uint32_t c) {
-    bool is_long = mni_front_is_long(n);
-    uint32_t count = is_long ? chunk_count(&f->chunk[n->more]) : MNI_FRONT_CHUNK;
-    if (count == MNI_FRONT_CHUNK) {
-        uint32_t i = chunk_new(f);
-        f->chunk[i].next = is_long ? n->more : MN_NONE;
-        f->chunk[i].witness_order = is_long ? f->chunk[n->more].witness_order : 0;
-        n->witness = is_long ? n->witness : MN_NONE;
-        n->more = i;
-        count = 0;
-    }
-    f->chunk[n->more].corner[count] = c;
-}
-
-static inline void corner_push(mni_front *f, uint32_t slot, uint32_t c) {
-    mni_front_node *n = &f->node[slot];
-    uint32_t count = n->more - MNI_FRONT_SHORT;
-    if (count < MNI_FRONT_CORNERS) {
-        n->corner[count] = c;
-        n->more++;
-    } else {
-        corner_push_far(f, n, c);
-    }
-}
-
-static void simplex_note(mni_front *f, uint32_t c) {
-    f->simplex_stamp[mni_simplex_page(c)] = (uint32_t)f->version;
-}
-
-/* Gives a corner to a slot: on its list, and in its simplex. */
-static void corner_give(mni_front *f, uint32_t slot, uint32_t c) {
-    f->simplex_node[mni_corner_at(c)] = slot;
-    simplex_note(f, c);
-    corner_push(f, slot, c);
-}
-
-/* Of a list with chunks: the last corner of the first chunk takes its place. */
-static void corner_remove_far(mni_front *f, mni_front_node *n, uint32_t c) {
-    uint32_t *hole = NULL;
-    uint32_t slot = (uint32_t)(n - f->node);
-    for (mni_run r = mni_run_first(f, slot); hole == NULL; r = mni_run_next(f, r)) {
-        MN_ASSERT(r.corner != NULL);
-        for (uint32_t i = 0; i < r.room && hole == NULL; i++)
-            if (r.corner[i] == c)
-                hole = &r.corner[i];
-    }
-    mni_front_chunk *chunk = &f->chunk[n->more];
-    uint32_t *last = &chunk->corner[chunk_count(chunk) - 1];
-    *hole = *last;
-    *last = 0;
-    if (last == chunk->corner) {
-        uint32_t empty = n->more;
-        n->more = chunk->next == MN_NONE ? MNI_FRONT_SHORT + MNI_FRONT_CORNERS : chunk->next;
-        if (mni_front_is_long(n))
-            f->chunk[n->more].witness_order = chunk->witness_order;
-        chunk_free(f, empty);
-    }
-}
-
-/* The last corner of the record takes its place. */
-static inline void corner_remove(mni_front *f, uint32_t slot, uint32_t c) {
-    mni_front_node *n = &f->node[slot];
-    if (mni_front_is_long(n)) {
-        corner_remove_far(f, n, c);
-        return;
-    }
-    uint32_t at = mni_ring_place(f, slot, c), last = --n->more - MNI_FRONT_SHORT;
-    MN_ASSERT(at <= last && last < MNI_FRONT_CORNERS);
-    n->corner[at] = n->corner[last];
-    n->corner[last] = 0;
-}
-
-/* A list taken off its slot, to be handed out again; the record's corners first, so that there are
- * chunks enough at any time. */
-typedef struct loose {
-    uint32_t corner[MNI_FRONT_CORNERS]; /* at hand: a record's, or a chunk's; then 0 */
-    uint32_t more;
-} loose;
-
-static loose corners_take(mni_front *f, uint32_t slot) {
-    mni_front_node *n = &f->node[slot];
-    loose list = {.more = mni_front_is_long(n) ? n->more : MN_NONE};
-    memcpy(list.corner, n->corner, sizeof n->corner);
-    corners_clear(f, slot);
-    return list;
-}
-
-static bool corners_next(mni_front *f, loose *list) {
-    uint32_t i = list->more;
-    if (i == MN_NONE)
-        return false;
-    memcpy(list->corner, f->chunk[i].corner, sizeof f->chunk[i].corner);
-    list->corner[MNI_FRONT_CHUNK] = 0;
-    list->more = f->chunk[i].next;
-    chunk_free(f, i);
-    return true;
 }
 
 /* ---- blocks ---------------------------------------------------------------------------------- */
@@ -372,6 +243,20 @@ mni_entry mni_front_exit(mni_front *f, uint32_t slot, mn_block_ref *ref, mni_not
 
 /* ---- the simplices that a split brings ------------------------------------------------------- */
 
+/* The first leaf of a node, expanded or not. */
+static uint32_t first_leaf(const mni_front *f, uint32_t at) {
+    return at & MNI_FRONT_BRANCH ? f->branch[at & ~MNI_FRONT_BRANCH].leaf_lo : f->node[at].leaf_lo;
+}
+
+/* The active node that holds a leaf of that one. */
+static uint32_t find_beneath(const mni_front *f, uint32_t at, uint32_t leaf) {
+    while (at & MNI_FRONT_BRANCH) {
+        const mni_front_branch *b = &f->branch[at & ~MNI_FRONT_BRANCH];
+        at = b->child[leaf >= first_leaf(f, b->child[1])];
+    }
+    return at;
+}
+
 uint32_t mni_front_find(const mni_front *f, uint32_t leaf) {
     uint32_t roots = f->header->roots, lo = 0;
     for (uint32_t step = roots; step > 1;) { /* the last root that begins at or before leaf */
@@ -380,15 +265,26 @@ uint32_t mni_front_find(const mni_front *f, uint32_t leaf) {
             lo += half;
         step -= half;
     }
-    uint32_t at = f->root[lo];
-    while (at & MNI_FRONT_BRANCH) {
-        const mni_front_branch *b = &f->branch[at & ~MNI_FRONT_BRANCH];
-        uint32_t right = b->child[1];
-        uint32_t slot =
-            right & MNI_FRONT_BRANCH ? f->branch[right & ~MNI_FRONT_BRANCH].slot : right;
-        at = leaf >= f->node[slot].leaf_lo ? right : b->child[0];
+    return find_beneath(f, f->root[lo], leaf);
+}
+
+/* The same, up from a slot and down again: for a leaf that is near in the tree, which may be deep.
+ * Of the nodes that begin right of the way up, the last one at or before the leaf has it. */
+static uint32_t find_from(const mni_front *f, uint32_t slot, uint32_t leaf) {
+    uint32_t at = slot, right = MN_NONE;
+    for (uint32_t up = f->node[slot].parent; up != MNI_FRONT_NO_PARENT; up = f->branch[up].parent) {
+        const mni_front_branch *b = &f->branch[up];
+        if (at == b->child[1]) {
+            if (leaf >= b->leaf_lo && leaf < first_leaf(f, at))
+                return find_beneath(f, b->child[0], leaf);
+        } else if (leaf >= first_leaf(f, b->child[1])) {
+            right = b->child[1];
+        } else if (right != MN_NONE) {
+            return find_beneath(f, right, leaf);
+        }
+        at = up | MNI_FRONT_BRANCH;
     }
-    return at;
+    return mni_front_find(f, leaf);
 }
 
 static inline bool within(const mni_front_node *n, uint32_t leaf) {
@@ -399,6 +295,10 @@ static inline bool within(const mni_front_node *n, uint32_t leaf) {
  * slot's list is long. */
 static uint32_t find_near_far(mni_front *f, uint32_t slot, uint32_t leaf) {
     uint32_t looked = 0;
+    if (mni_front_is_pole(&f->node[slot])) {
+        const uint32_t pole = mni_pole_find(f, slot, leaf);
+        return pole != MN_NONE ? pole : find_from(f, slot, leaf);
+    }
     for (mni_run r = mni_run_first(f, slot); r.corner != NULL && looked < MNI_FRONT_NEAR_MAX;
          r = mni_run_next(f, r), looked += r.room)
         for (uint32_t i = 0; i < r.room && r.corner[i] != 0; i++) {
@@ -439,7 +339,9 @@ static bool simplex_prepare(mni_front *f, split_plan *plan, const uint32_t corne
         if (f->node[at].order >= p->order || f->node[at].above <= p->order)
             return false;
     }
-    const uint32_t kin = plan->chain != 0 ? plan->chain : p->corner[0];
+    uint32_t kin = plan->chain != 0 ? plan->chain : p->corner[0];
+    if (kin == 0 && at != MN_NONE) /* a pole */
+        kin = f->node[at].corner[0];
     uint32_t s = simplex_new(f, kin / 4), *node = &f->simplex_node[3 * (size_t)s];
     memcpy(&f->simplex_leaf[3 * (size_t)s], corner, 3 * sizeof *corner);
     node[2] = at;
@@ -575,15 +477,21 @@ static void corners_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t m
         mni_ring_part(f, slot, right, mid);
         return;
     }
-    loose list = corners_take(f, slot);
+    while (mni_front_is_pole(&f->node[slot])) {
+        const uint32_t c = mni_pole_pop(f, slot, mid);
+        if (c == 0)
+            return;
+        mni_corners_give(f, right, c);
+    }
+    mni_loose list = mni_corners_take(f, slot);
     do {
         for (const uint32_t *c = list.corner; c < list.corner + MNI_FRONT_CORNERS && *c != 0; c++) {
             if (f->simplex_leaf[mni_corner_at(*c)] < mid)
-                corner_push(f, slot, *c);
+                mni_corners_push(f, slot, *c);
             else
-                corner_give(f, right, *c);
+                mni_corners_give(f, right, *c);
         }
-    } while (corners_next(f, &list));
+    } while (mni_corners_next(f, &list));
 }
 
 /* The simplices of the plan appear. Returns how many. */
@@ -593,12 +501,12 @@ static uint32_t simplices_link(mni_front *f, const split_plan *plan, uint32_t ri
         uint32_t first = c & ~3u, *node = &f->simplex_node[3 * (size_t)(c / 4)], third = node[2];
         next = node[c - first];
         node[c - first] = right;
-        simplex_note(f, c);
-        corner_push(f, right, c);
-        corner_push(f, plan->slot, first + 1 - (c - first));
+        mni_corners_note(f, c);
+        mni_corners_push(f, right, c);
+        mni_corners_push(f, plan->slot, first + 1 - (c - first));
         if (third == MN_NONE)
             continue;
-        corner_push(f, third, first + 2);
+        mni_corners_push(f, third, first + 2);
         f->triangles++;
     }
     return count;
@@ -615,11 +523,15 @@ static uint32_t part(mni_front *f, const split_plan *plan, mni_entry home, const
     memcpy(&f->position[3 * (size_t)right], record->right_position, 3 * sizeof *f->position);
     if (f->color != NULL)
         f->color[right] = record->right_color;
-    corners_clear(f, right);
+    mni_corners_clear(f, right);
     corners_part(f, slot, right, record->leaf_mid);
     node_set(f, slot, b, order, &record->left);
     node_set(f, right, b, order, &record->right);
     f->branch[b].killed = simplices_link(f, plan, right) & INT32_MAX;
+    if (f->poles != MN_NONE) {
+        mni_poles_tell(f, slot);
+        mni_poles_tell(f, right);
+    }
     return b;
 }
 
@@ -668,7 +580,7 @@ void mni_front_release(mni_front *f, uint32_t branch) {
 static void simplex_kill(mni_front *f, uint32_t c, uint32_t third) {
     uint32_t slot = f->simplex_node[mni_corner_at(third)];
     if (slot != MN_NONE) {
-        corner_remove(f, slot, third);
+        mni_corners_remove(f, slot, third);
         f->triangles--;
     }
     simplex_free(f, c / 4);
@@ -680,7 +592,7 @@ static uint32_t records_join(mni_front *f, uint32_t left, uint32_t right) {
     uint32_t third[MNI_FRONT_CORNERS], over[MNI_FRONT_CORNERS], over_count;
     uint32_t killed = mni_ring_join(f, left, right, third, over, &over_count);
     for (uint32_t i = 0; i < over_count; i++)
-        corner_push(f, left, over[i]);
+        mni_corners_push(f, left, over[i]);
     for (uint32_t i = 0; i < killed; i++)
         simplex_kill(f, third[i], third[i]);
     return killed;
@@ -690,20 +602,20 @@ static uint32_t corners_join(mni_front *f, uint32_t left, uint32_t right) {
     if (!mni_front_is_long(&f->node[left]) && !mni_front_is_long(&f->node[right]))
         return records_join(f, left, right);
     uint32_t killed = 0;
-    loose list = corners_take(f, right);
+    mni_loose list = mni_corners_take(f, right);
     do {
         for (const uint32_t *c = list.corner; c < list.corner + MNI_FRONT_CORNERS && *c != 0; c++) {
             uint32_t after = mni_corner_after(*c), before = mni_corner_before(*c);
             bool left_after = mni_corner_slot(f, after) == left;
             if (!left_after && mni_corner_slot(f, before) != left) {
-                corner_give(f, left, *c);
+                mni_corners_give(f, left, *c);
                 continue;
             }
-            corner_remove(f, left, left_after ? after : before);
+            mni_corners_remove(f, left, left_after ? after : before);
             simplex_kill(f, *c, left_after ? before : after);
             killed++;
         }
-    } while (corners_next(f, &list));
+    } while (mni_corners_next(f, &list));
     return killed;
 }
 
@@ -735,6 +647,8 @@ static void join(mni_front *f, uint32_t branch) {
         fork_set(f, b->parent);
     f->branch[branch].slot = MN_NONE;
     slot_free(f, right);
+    if (f->poles != MN_NONE)
+        mni_poles_tell(f, slot);
 }
 
 void mni_front_unsplit(mni_front *f, uint32_t branch) {
@@ -776,7 +690,7 @@ static mn_code root_open(mni_front *f, uint32_t r, uint32_t leaf_lo, mn_status *
     MN_ASSERT(slot == r); /* mni_front_find and mni_front_entry count on it */
     f->node[slot].leaf_lo = subtree.leaf_lo;
     f->node[slot].leaf_hi = subtree.leaf_hi;
-    corners_clear(f, slot);
+    mni_corners_clear(f, slot);
     const mn_root *root = &f->header->root[r];
     memcpy(&f->position[3 * (size_t)slot], root->position, sizeof root->position);
     if (f->color != NULL)
@@ -793,7 +707,8 @@ mn_code mni_front_open(mni_front *f, mni_store *store, const mn_header *header, 
                      .header = header,
                      .nodes_max = nodes_max,
                      .simplices_max = simplices_max,
-                     .chunk_free = MN_NONE};
+                     .chunk_free = MN_NONE,
+                     .poles = MN_NONE};
     f->limits = mni_block_limits_of(header);
     f->ring_slot = MN_NONE;
     MN_ASSERT(nodes_max >= header->roots && nodes_max < MNI_FRONT_NODES_MAX);

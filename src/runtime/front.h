@@ -47,6 +47,7 @@ enum {
 };
 /* Of a list that is in the record: this + how many there are. */
 #define MNI_FRONT_SHORT 0xfffffff0u
+#define MNI_FRONT_POLE 0x80000000u /* set in `more` of a pole, above its chunk */
 
 /* An active node but for what is streamed: position, switch value, radius and cone stand apart. One
  * line of the cache: whoever asks about a neighbour, or walks around a node, touches no other. */
@@ -55,21 +56,47 @@ typedef struct mni_front_node {
     uint32_t above; /* order id of its parent; MN_NONE: a root */
     uint32_t leaf_lo, leaf_hi;
     uint32_t corner[MNI_FRONT_CORNERS]; /* of simplices, then 0 */
-    uint32_t more;                      /* first chunk of further corners, or MNI_FRONT_SHORT … */
-    uint32_t parent : 29;               /* branch */
+    uint32_t more;        /* first chunk of further corners, or MNI_FRONT_SHORT …; or of a pole */
+    uint32_t parent : 29; /* branch */
     uint32_t flags : 3;
     uint32_t witness; /* of a long list: a neighbour that blocked a move of it, as long as active */
     uint32_t waits;   /* Navigate's, of a slot: who waits for its node to go (waiting.h) */
 } mni_front_node;
 _Static_assert(sizeof(mni_front_node) == 64, "one line of the cache");
 
+/* What the corners of a pole, or of a part of them, have at most. Neighbours: those that are no
+ * poles. */
+typedef struct mni_pole_bound {
+    uint32_t leaf;  /* largest; 0: there are none */
+    uint32_t order; /* of a neighbour, largest */
+    uint32_t above; /* of a neighbour, least */
+} mni_pole_bound;
+
 /* Further corners of a node. All but the first chunk of a list are full, so 3 × simplices / 7
- * chunks are enough for any front. */
-typedef struct mni_front_chunk {
-    uint32_t corner[MNI_FRONT_CHUNK];
-    uint32_t next;          /* chunk, or MN_NONE; free: next free one */
-    uint32_t witness_order; /* of a list's first chunk: of its node's witness */
+ * chunks are enough for any front. Those that lists do not need are for poles (pole.c). */
+typedef union mni_front_chunk {
+    struct {
+        uint32_t corner[MNI_FRONT_CHUNK];
+        uint32_t next; /* chunk, or MN_NONE; free: next free one */
+        union {
+            uint32_t witness_order; /* of a list's first chunk: of its node's witness */
+            uint32_t chunks;        /* of its others: how many there are from here on */
+        };
+    };
+    struct {
+        uint32_t part[2]; /* of a pole's tree; see there */
+        mni_pole_bound bound[2];
+    } fork;
+    struct {
+        uint32_t slot, next; /* chunk of another pole, or MN_NONE */
+        uint32_t number;     /* below MNI_POLES */
+        uint32_t near;       /* a bit a number: those may be neighbours, all others are none */
+        uint32_t witness;    /* a corner at which, last time, one was */
+        uint32_t tree;
+        mni_pole_bound bound;
+    } pole;
 } mni_front_chunk;
+_Static_assert(sizeof(mni_front_chunk) == 36, "what the plan counts on: poles take no more");
 
 typedef struct mni_front_face {
     mn_cone cone;
@@ -128,6 +155,7 @@ typedef struct mni_front {
     uint32_t nodes_max, simplices_max, chunks_max;
     uint32_t nobody; /* the slot past all, whose node is none (ring.c) */
     bool vectors;    /* for ring.c */
+    uint32_t poles;  /* chunk of the first, or MN_NONE */
 
     float *position; /* 3 × slots */
     uint32_t *color; /* slots, or NULL */
@@ -149,6 +177,7 @@ typedef struct mni_front {
     uint32_t chunks_high, chunk_free;
     uint32_t simplices_used;
     uint32_t active, triangles;
+    uint32_t chunks_used;
     uint64_t version;            /* rises with every split and collapse that stays */
     uint64_t descents;           /* third corners not found among the neighbours looked through */
     uint64_t bad;                /* splits that met a bad block */
@@ -159,6 +188,9 @@ typedef struct mni_front {
      * MN_NONE: none. Blockers: bit i is ring.slot[i] */
     uint32_t ring_slot, ring_blockers;
     mni_ring ring;
+#ifdef MN_SLOW_CHECKS
+    uint64_t looked; /* corners of long lists (mni_front_looks) */
+#endif
 } mni_front;
 
 /* Arena bytes of a front with that room; for the plan. */
@@ -171,8 +203,19 @@ mn_code mni_front_open(mni_front *front, mni_store *store, const mn_header *head
  * mni_block_limits. */
 bool mni_front_block_check(const void *context, const void *bytes, uint32_t length_bytes);
 
+/* For tests: so many corners of a list that is longer than a record are looked at. */
+static inline void mni_front_looks(mni_front *front, uint32_t corners) {
+#ifdef MN_SLOW_CHECKS
+    front->looked += corners;
+#else
+    (void)front, (void)corners;
+#endif
+}
 static inline bool mni_front_is_long(const mni_front_node *node) {
     return node->more < MNI_FRONT_SHORT;
+}
+static inline bool mni_front_is_pole(const mni_front_node *node) {
+    return mni_front_is_long(node) && (node->more & MNI_FRONT_POLE) != 0;
 }
 static inline bool mni_front_is_active(const mni_front *front, uint32_t slot) {
     return front->node[slot].order != MN_NONE;
@@ -241,8 +284,9 @@ static inline mni_entry mni_front_entry(const mni_front *front, uint32_t parent,
 }
 /* The active node that holds a leaf. */
 uint32_t mni_front_find(const mni_front *front, uint32_t leaf);
-/* Where the input has that leaf: read through the blocks. false: one of them is not in memory. */
-bool mni_front_leaf_position(mni_front *front, uint32_t leaf, float position[3]);
+/* Where the input has a leaf that an active node, in that slot, holds: read through the blocks.
+ * false: one of them is not in memory. */
+bool mni_front_leaf_position(mni_front *front, uint32_t slot, uint32_t leaf, float position[3]);
 /* XXH3 of the active order ids, sorted. scratch: 2 × active values. */
 uint64_t mni_front_hash(const mni_front *front, uint32_t *scratch);
 /* 0 when every edge of the front is used equally often in both directions (and else, but for a

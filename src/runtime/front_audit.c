@@ -13,6 +13,7 @@
 #include "extents.h"
 #include "frame.h"
 #include "front.h"
+#include "pole.h"
 
 /* Ascending, by three passes of 11 bits. */
 static void sort_u32(uint32_t *values, uint32_t *other, size_t count) {
@@ -168,6 +169,8 @@ static uint64_t check_slot(const mni_front *f, uint32_t slot) {
     MN_ASSERT(n->above == (is_root ? MN_NONE : f->branch[n->parent].order));
     if (n->more == MNI_FRONT_SHORT && n->corner[0] == 0)
         return 0;
+    if (mni_front_is_pole(n))
+        return mni_pole_check(f, slot);
     bool is_long = mni_front_is_long(n);
     uint64_t corners = check_corners(f, slot, n->corner, MNI_FRONT_CORNERS, !is_long);
     MN_ASSERT(is_long || n->more == MNI_FRONT_SHORT + corners);
@@ -270,8 +273,7 @@ static bool subtree_node(const mni_block *block, const mni_place *place, mni_chi
 
 /* Down from an active node through the blocks. One block besides the node's own is in use at a
  * time, and given back. */
-bool mni_front_leaf_position(mni_front *f, uint32_t leaf, float position[3]) {
-    uint32_t slot = mni_front_find(f, leaf);
+bool mni_front_leaf_position(mni_front *f, uint32_t slot, uint32_t leaf, float position[3]) {
     const mni_front_node *n = &f->node[slot];
     const mni_entry own = mni_front_entry(f, n->parent, slot);
     mni_entry entry = own;

@@ -548,7 +548,7 @@ uint64_t mn_session_foldovers(mn_session *s, uint64_t *legal) {
         bool there = true, all_legal = true;
         for (int k = 0; k < 3; k++) {
             now[k] = &front->position[3 * (size_t)node[k]];
-            there = mni_front_leaf_position(front, leaf[k], input[k]) && there;
+            there = mni_front_leaf_position(front, node[k], leaf[k], input[k]) && there;
             all_legal = all_legal && front->node[node[k]].order <= s->header.legal_last;
         }
         double a[3], b[3];

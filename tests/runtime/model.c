@@ -129,8 +129,29 @@ static void fins(mn_mesh *m, uint32_t triangles) {
     }
 }
 
+static void pencil(mn_mesh *m, uint32_t triangles) {
+    vertex(m, 0, -1, 0);
+    vertex(m, 0, 1, 0);
+    for (uint32_t t = 0; t < triangles; t++) {
+        double a = TURN * t / triangles, r = 0.6 + 0.4 * sin(12.9898 * t);
+        vertex(m, r * cos(a), 0.5 * sin(78.233 * t), r * sin(a));
+        face(m, 0, 1, m->vertices - 1);
+    }
+}
+
+static void loose(mn_mesh *m, uint32_t triangles) {
+    vertex(m, 0, 0, 0);
+    for (uint32_t t = 0; t < triangles; t++) {
+        double y = sin(78.233 * t), a = 2.399963 * t, r = 0.75 + 0.25 * sin(12.9898 * t);
+        vertex(m, r * cos(a), r * y, r * sin(a));
+        vertex(m, r * cos(a) + 0.01, r * y, r * sin(a) + 0.01 * sin(t));
+        face(m, 0, m->vertices - 2, m->vertices - 1);
+    }
+}
+
 static void mesh_make(mn_mesh *m, model_shape shape, uint32_t triangles) {
-    static void (*const shapes[])(mn_mesh *, uint32_t) = {globe, torus, terrain, heap, fins};
+    static void (*const shapes[])(mn_mesh *, uint32_t) = {globe, torus,  terrain, heap,
+                                                          fins,  pencil, loose};
     size_t room = 4 * (size_t)triangles + 1000;
     *m = (mn_mesh){0};
     m->position = calloc(room, 3 * sizeof *m->position);

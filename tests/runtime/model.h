@@ -11,7 +11,9 @@ typedef enum model_shape {
     MODEL_TERRAIN,   /* open, rough, coloured */
     MODEL_HEAP,      /* lone triangles */
     MODEL_FINS,      /* a torus with fins on its edges: non-manifold */
-    MODEL_SHAPES
+    MODEL_SHAPES,
+    MODEL_PENCIL = MODEL_SHAPES, /* all triangles at one edge, whose ends are poles */
+    MODEL_LOOSE,                 /* all at one vertex, and nothing else shared */
 } model_shape;
 
 typedef struct model {

@@ -8,54 +8,8 @@
 
 #include "mn_assert.h"
 #include "frame.h"
-#include "front.h"
-#include "model.h"
+#include "front_rig.h"
 #include "suite.h"
-
-typedef struct rig {
-    model m;
-    mni_block_limits limits;
-    mni_arena arena;
-    mni_store *store;
-    mni_front front;
-    uint32_t *usage;
-} rig;
-
-/* Over the model, whose file may have been changed since it was made. */
-static void rig_start(rig *r) {
-    mn_status st = {0};
-    const mn_header *h = &r->m.header;
-    r->limits = mni_block_limits_of(h);
-    uint32_t simplices = (uint32_t)(h->triangles + h->hinges);
-    size_t need = mni_store_need_bytes(h, MN_STORE_RESIDENT, 0) +
-                  mni_front_need_bytes(h, h->leaves, simplices);
-    mn_code code = mni_arena_open(&r->arena, need, &st);
-    mni_store_desc store = {.path = r->m.path,
-                            .header = h,
-                            .kind = MN_STORE_RESIDENT,
-                            .check = mni_front_block_check,
-                            .check_context = &r->limits};
-    if (code == MN_OK)
-        code = mni_store_open(&store, &r->arena, &r->store, &st);
-    if (code == MN_OK)
-        code = mni_front_open(&r->front, r->store, h, h->leaves, simplices, &r->arena, &st);
-    ck_assert_msg(code == MN_OK, "%s", st.text);
-    r->usage = calloc(mni_store_entries_max(h, MN_STORE_RESIDENT, 0), sizeof *r->usage);
-    ck_assert_ptr_nonnull(r->usage);
-}
-
-static void rig_open(rig *r, model_shape shape, uint32_t triangles, const mn_block_desc *blocks) {
-    memset(r, 0, sizeof *r);
-    model_make(&r->m, shape, triangles, blocks);
-    rig_start(r);
-}
-
-static void rig_close(rig *r) {
-    mni_store_close(r->store);
-    mni_arena_close(&r->arena);
-    model_free(&r->m);
-    free(r->usage);
-}
 
 static uint32_t usage_of(void *context, mni_entry entry) {
     return ((rig *)context)->usage[entry];
@@ -346,7 +300,7 @@ START_TEST(leaves) {
             float at[3];
             const mni_front_node *n = &r.front.node[mni_front_find(&r.front, leaf)];
             ck_assert(n->leaf_lo <= leaf && leaf < n->leaf_hi && n->order != MN_NONE);
-            ck_assert(mni_front_leaf_position(&r.front, leaf, at));
+            ck_assert(mni_front_leaf_position(&r.front, mni_front_find(&r.front, leaf), leaf, at));
             ck_assert_mem_eq(at, &r.m.tree.leaf_position[3 * leaf], sizeof at);
         }
         check(&r); /* nothing is left in use */
