@@ -132,15 +132,17 @@ static void judge(mni_ahead *a, mni_front *front, const uint32_t *slot, int coun
 }
 
 /* As Navigate's pass of splits goes through all slots (navigate.c), through those of one turn. */
-static void scan_slots(mni_ahead *a, mni_front *f, uint32_t from, uint32_t to) {
+static void scan_slots(mni_ahead *a, mni_front *f, const mni_barred *barred, uint32_t from,
+                       uint32_t to) {
     float margin[MNI_SIEVE_BATCH];
     uint32_t slot[MNI_SIEVE_BATCH];
     int count = 0;
     for (uint32_t first = from; first < to; first += MNI_SIEVE_BATCH) {
         mni_sieve_far(&a->sieve, NULL, &f->position[3 * (size_t)first], &f->radius[first],
                       &f->switch_value[first], margin);
+        const uint64_t bits = mni_barred_bits(barred, first);
         for (uint32_t i = 0, at = first; i < MNI_SIEVE_BATCH && at < to; i++, at++) {
-            if (margin[i] > 0)
+            if (margin[i] > 0 || (bits >> i & 1) != 0)
                 continue;
             mni_sieve_put(&a->batch, count, &f->position[3 * (size_t)at], f->radius[at],
                           f->switch_value[at], f->face[at].cone);
@@ -187,12 +189,12 @@ static part turn(uint32_t count, uint32_t turns, uint32_t *next) {
     return (part){from, last ? count : from + size};
 }
 
-void mni_ahead_scan(mni_ahead *a, mni_front *front) {
+void mni_ahead_scan(mni_ahead *a, mni_front *front, const mni_barred *barred) {
     if (!a->look.moves || !(a->look.now.tolerance_px > 0))
         return;
     const part slots = turn(front->slots_high, MNI_AHEAD_TURNS, &a->slot);
     const part branches = turn(front->slots_high, MNI_AHEAD_UP_TURNS, &a->branch);
     a->near ^= a->slot == 0;
-    scan_slots(a, front, slots.from, slots.to);
+    scan_slots(a, front, barred, slots.from, slots.to);
     scan_branches(a, front, branches.from, branches.to);
 }

@@ -7,6 +7,7 @@
 #ifndef MNI_AHEAD_H
 #define MNI_AHEAD_H
 
+#include "barred.h"
 #include "front.h"
 #include "rate.h"
 #include "sieve.h"
@@ -43,7 +44,8 @@ bool mni_ahead_extrapolate(mni_ahead *ahead, const mn_camera *camera, float fram
 void mni_ahead_begin(mni_ahead *ahead, const mn_camera *camera, const mni_lens *now,
                      uint32_t width_px, uint32_t height_px, double size, const mn_weights *weights,
                      float coordinate_max);
-/* Tells the store what a part of the front will want. */
-void mni_ahead_scan(mni_ahead *ahead, mni_front *front);
+/* Tells the store what a part of the front will want; but for those who are barred: they want it
+ * now. */
+void mni_ahead_scan(mni_ahead *ahead, mni_front *front, const mni_barred *barred);
 
 #endif
