@@ -502,12 +502,12 @@ static uint32_t simplices_link(mni_front *f, const split_plan *plan, uint32_t ri
         next = node[c - first];
         node[c - first] = right;
         mni_corners_note(f, c);
+        if (third != MN_NONE) { /* first: of the other two, whatever they become, poles are told */
+            mni_corners_push(f, third, first + 2);
+            f->triangles++;
+        }
         mni_corners_push(f, right, c);
         mni_corners_push(f, plan->slot, first + 1 - (c - first));
-        if (third == MN_NONE)
-            continue;
-        mni_corners_push(f, third, first + 2);
-        f->triangles++;
     }
     return count;
 }

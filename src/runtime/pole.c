@@ -199,6 +199,31 @@ static uint32_t pop(mni_front *f, uint32_t *part, mni_pole_bound *bound, uint32_
     return 0;
 }
 
+/* ---- what moves beside a pole -----------------------------------------------------------------
+ */
+
+static void tell_pole(const mni_front *f, uint32_t slot, uint32_t corner,
+                      const mni_pole_bound *its) {
+    mni_front_chunk *p = of(f, slot);
+    uint32_t part = p->pole.tree, hash = hash_of(corner);
+    add(&p->pole.bound, its);
+    for (; is_fork(part); hash <<= 1) {
+        mni_front_chunk *fork = fork_at(f, part);
+        add(&fork->fork.bound[hash >> 31], its);
+        part = fork->fork.part[hash >> 31];
+    }
+}
+
+/* The poles at a corner of a node that is none. */
+static void tell_corner(const mni_front *f, uint32_t slot, uint32_t corner) {
+    const mni_pole_bound its = {0, f->node[slot].order, f->node[slot].above};
+    for (int k = 0; k < 2; k++) {
+        const uint32_t at = beside(f, corner, k);
+        if (mni_front_is_pole(&f->node[at]))
+            tell_pole(f, at, k ? mni_corner_before(corner) : mni_corner_after(corner), &its);
+    }
+}
+
 /* ---- poles ----------------------------------------------------------------------------------- */
 
 void mni_pole_make(mni_front *f, uint32_t slot) {
@@ -281,6 +306,7 @@ void mni_pole_push(mni_front *f, uint32_t slot, uint32_t corner) {
     if (mni_chunks_left(f) < 2) {
         mni_pole_unmake(f, slot);
         plain_push(f, slot, corner);
+        tell_corner(f, slot, corner); /* another pole there may have left it out, as one */
         return;
     }
     mni_front_chunk *p = of(f, slot);
@@ -413,32 +439,12 @@ uint32_t mni_pole_find(const mni_front *f, uint32_t slot, uint32_t leaf) {
     return MN_NONE;
 }
 
-static void tell_pole(const mni_front *f, uint32_t slot, uint32_t corner,
-                      const mni_pole_bound *its) {
-    mni_front_chunk *p = of(f, slot);
-    uint32_t part = p->pole.tree, hash = hash_of(corner);
-    add(&p->pole.bound, its);
-    for (; is_fork(part); hash <<= 1) {
-        mni_front_chunk *fork = fork_at(f, part);
-        add(&fork->fork.bound[hash >> 31], its);
-        part = fork->fork.part[hash >> 31];
-    }
-}
-
 void mni_poles_tell(mni_front *f, uint32_t slot) {
-    const mni_front_node *n = &f->node[slot];
-    if (mni_front_is_pole(n))
+    if (mni_front_is_pole(&f->node[slot]))
         return;
-    const mni_pole_bound its = {0, n->order, n->above};
     for (mni_run r = mni_run_first(f, slot); r.corner != NULL; r = mni_run_next(f, r))
         for (uint32_t i = 0; i < r.room && r.corner[i] != 0; i++)
-            for (int k = 0; k < 2; k++) {
-                const uint32_t at = beside(f, r.corner[i], k);
-                if (mni_front_is_pole(&f->node[at]))
-                    tell_pole(f, at,
-                              k ? mni_corner_before(r.corner[i]) : mni_corner_after(r.corner[i]),
-                              &its);
-            }
+            tell_corner(f, slot, r.corner[i]);
 }
 
 /* ---- checks ---------------------------------------------------------------------------------- */

@@ -149,9 +149,23 @@ static void loose(mn_mesh *m, uint32_t triangles) {
     }
 }
 
+static void pair(mn_mesh *m, uint32_t triangles) {
+    vertex(m, -2, 0, 0);
+    vertex(m, 2, 0, 0);
+    for (uint32_t t = 0; t < triangles; t++) {
+        const uint32_t at = t % 2;
+        double x = at ? 2 : -2, y = sin(78.233 * t), a = 2.399963 * t;
+        double r = 0.75 + 0.25 * sin(12.9898 * t);
+        vertex(m, x + r * cos(a), r * y, r * sin(a));
+        if (t > 0)
+            vertex(m, x + r * cos(a) + 0.01, r * y, r * sin(a) + 0.01 * sin(t));
+        face(m, at, t > 0 ? m->vertices - 2 : 1, m->vertices - 1);
+    }
+}
+
 static void mesh_make(mn_mesh *m, model_shape shape, uint32_t triangles) {
     static void (*const shapes[])(mn_mesh *, uint32_t) = {globe, torus,  terrain, heap,
-                                                          fins,  pencil, loose};
+                                                          fins,  pencil, loose,   pair};
     size_t room = 4 * (size_t)triangles + 1000;
     *m = (mn_mesh){0};
     m->position = calloc(room, 3 * sizeof *m->position);

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "corners.h"
 #include "front_rig.h"
 #include "pole.h"
 #include "suite.h"
@@ -138,6 +139,56 @@ START_TEST(few_chunks) {
 }
 END_TEST
 
+/* The corner, at the pole of the larger order id, of a simplex that two poles share; 0: none. */
+static uint32_t shared_corner(const mni_front *f) {
+    for (uint32_t s = 1; f->poles != MN_NONE && s < f->simplices_high; s++) {
+        const uint32_t *node = &f->simplex_node[3 * (size_t)s];
+        uint32_t poles = 0, corner = 0, order = 0;
+        for (uint32_t k = 0; node[0] != MN_NONE && k < 3; k++)
+            if (node[k] != MN_NONE && mni_front_is_pole(&f->node[node[k]])) {
+                poles++;
+                corner = f->node[node[k]].order > order ? 4 * s + k : corner;
+                order = f->node[mni_corner_slot(f, corner)].order;
+            }
+        if (poles == 2)
+            return corner;
+    }
+    return 0;
+}
+
+/* A pole that becomes a list again, since there is no chunk for the corner that it is given, is
+ * seen by the pole next to it, with which it shares nothing else. */
+START_TEST(gives_way_beside_a_pole) {
+    rig r;
+    uint32_t corner = 0;
+    mni_front_ref found[4];
+    rig_open(&r, MODEL_PAIR, 1200, &levels_5);
+    mni_front *f = &r.front;
+    while (f->active < r.m.header.leaves && corner == 0) {
+        for (uint32_t at = 0; at < f->slots_high; at++)
+            if (model_uniform(0, 1) < 0.5)
+                split_at(&r, at);
+        corner = shared_corner(f);
+    }
+    ck_assert_uint_ne(corner, 0);
+    const uint32_t chunks_max = f->chunks_max, slot = mni_corner_slot(f, corner);
+    const uint32_t after = mni_corner_slot(f, mni_corner_after(corner));
+    const uint32_t before = mni_corner_slot(f, mni_corner_before(corner));
+    const uint32_t other = mni_front_is_pole(&f->node[after]) ? after : before;
+    const uint32_t order = f->node[slot].order - 1;
+    ck_assert_uint_eq(mni_pole_seek(f, other, order, 0, found, 4), 1); /* bounds are the best now */
+    mni_corners_remove(f, slot, corner);
+    f->chunks_max = f->chunks_used + 1;
+    mni_corners_push(f, slot, corner);
+    f->chunks_max = chunks_max;
+    ck_assert(!mni_front_is_pole(&f->node[slot]) && mni_front_is_pole(&f->node[other]));
+    ck_assert_uint_eq(mni_pole_seek(f, other, order, 0, found, 4), 1);
+    ck_assert_uint_eq(found[0].slot, slot);
+    check_answers(&r);
+    rig_close(&r);
+}
+END_TEST
+
 /* ---- costs ----------------------------------------------------------------------------------- */
 
 /* Corners looked at for each move, there and back, whatever the number of neighbours. */
@@ -163,6 +214,7 @@ int main(void) {
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, answers, 0, SHAPES);
     tcase_add_test(tc, few_chunks);
+    tcase_add_test(tc, gives_way_beside_a_pole);
     tcase_add_loop_test(tc, no_move_looks_through_a_pole, 0, SHAPES);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
