@@ -20,7 +20,7 @@
  *
  * Order of calls: open; then a pass is begin, mark of what is put on the agenda, and next, keep,
  * add in the order of ranks; drop at any time. Threads: Navigate only. Memory: the arena's, a place
- * for a sixteenth of the front's nodes. Paper: none. */
+ * for a sixteenth of the front's nodes and 256 more, and a bit a slot. Paper: none. */
 #include "barred.h"
 
 #include <string.h>

@@ -3,9 +3,10 @@
  * Hides: the order of work, and the level of degrading.
  *
  *   collapse pass   unwanted forks in rising order of their parent's id, or, where there are many
- *                   and no budget, by place. Who is blocked waits for its blocker to go. One pass
- *                   is complete: a parent's id exceeds its children's, and what blocks a collapse
- *                   has a lower one.
+ *                   and no budget, by place; those that come to be in it are judged 64 together,
+ *                   and so have their turn a little later. Who is blocked waits for its blocker to
+ *                   go. One pass is complete: a parent's id exceeds its children's, and what
+ *                   blocks a collapse has a lower one.
  *   split pass      wanted nodes, largest error first (in a large front with room and no budget to
  *                   within half a doubling, there by place), each with the chain of neighbours that
  *                   must split before it (chain.h). Children that are wanted join the agenda.

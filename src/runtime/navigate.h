@@ -20,7 +20,7 @@ enum {
     MNI_KEPT_FRAMES = 4,      /* that they stay for, unwanted */
     MNI_ROUND_OPS = 1000,     /* half a millisecond: ten times what it takes to wake I/O */
     MNI_LISTED_MAX = 256,     /* misses of a frame that have another turn in it */
-    MNI_SOON_MAX = 1 << 14,   /* nodes that are found in a frame to be wanted in a moment */
+    MNI_SOON_MAX = 1 << 14,   /* nodes found in a frame to be wanted in a moment; more: the next */
     MNI_PLACES_MIN = 1 << 12, /* nodes of a front: fewer are in the cache whatever the order */
     MNI_CROWD_SHARE = 8,      /* of the front's nodes: forks that a frame has to test, in a crowd */
     MNI_TURNS = 16,           /* frames in which each refused chain has its turn */
