@@ -10,10 +10,8 @@
 
 #include "barred.h"
 #include "dice.h"
+#include "flight.h"
 #include "front.h"
-#include "model.h"
-#include "navigate.h"
-#include "rate.h"
 #include "suite.h"
 
 /* ---- the list -------------------------------------------------------------------------------- */
@@ -135,51 +133,14 @@ END_TEST
 /* ---- in a pool that is too small --------------------------------------------------------------
  */
 
-enum { NODES_MAX = 1 << 14, SIMPLICES_MAX = 1 << 15, FRAMES = 120, STANDS = 12 };
+enum { FRAMES = 120, STANDS = 12 };
 
-typedef struct flight {
-    model m;
-    mni_block_limits limits;
-    mni_arena arena;
-    mni_store *store;
-    mni_navigator nav;
-} flight;
-
-static void flight_open(flight *f, mn_blocking blocking) {
+static void over_globe(flight *f, mn_blocking blocking) {
     const mn_block_desc blocks = {.blocking = blocking, .block_bytes = 4096, .l = 4};
-    mn_status st = {0};
-    model_make(&f->m, MODEL_GLOBE, 12000, &blocks);
-    const mn_header *header = &f->m.header;
+    const mn_header *header = flight_model(f, &blocks);
     const uint32_t k = mni_store_k_min(header) + header->blocks / 4;
     ck_assert_uint_lt(k, header->blocks);
-    f->limits = mni_block_limits_of(header);
-    mni_store_desc desc = {.path = f->m.path,
-                           .header = header,
-                           .kind = MN_STORE_PAGED,
-                           .k = k,
-                           .io = MN_IO_SIM,
-                           .seed = 7,
-                           .check = mni_front_block_check,
-                           .check_context = &f->limits,
-                           .prefetch = MN_PREFETCH_AHEAD,
-                           .rate = mni_rate_block,
-                           .look_bytes = sizeof(mni_look)};
-    ck_assert_int_eq(mni_arena_open(&f->arena,
-                                    mni_store_need_bytes(header, MN_STORE_PAGED, k) +
-                                        mni_navigator_need_bytes(header, NODES_MAX, SIMPLICES_MAX),
-                                    &st),
-                     MN_OK);
-    ck_assert_msg(mni_store_open(&desc, &f->arena, &f->store, &st) == MN_OK, "%s", st.text);
-    f->nav = (mni_navigator){.looks_ahead = true, .width_px = 640, .height_px = 480, .size = 1};
-    ck_assert_int_eq(
-        mni_navigator_open(&f->nav, f->store, header, NODES_MAX, SIMPLICES_MAX, &f->arena, &st),
-        MN_OK);
-}
-
-static void flight_close(flight *f) {
-    mni_store_close(f->store);
-    mni_arena_close(&f->arena);
-    model_free(&f->m);
+    flight_open(f, k, (mni_store_desc){.io = MN_IO_SIM}, NODES_MAX);
 }
 
 /* Inner nodes of the front that are wanted; *most_px: the largest error. */
@@ -203,10 +164,7 @@ static uint32_t fly(flight *f, int frame) {
     const double along = frame / (double)FRAMES;
     const mn_camera camera = model_camera(&f->m, 0.3 * along, 3 - 1.6 * along);
     double most_px;
-    mni_store_frame_begin(f->store);
-    mni_navigator_frame(&f->nav, &camera, 0.5);
-    mni_store_frame_end(f->store, 1.0 / 60);
-    mni_navigator_check(&f->nav);
+    flight_frame(f, &camera, 0.5);
     const mni_work *work = &f->nav.work;
     const uint32_t wanted = left(f, &most_px);
     ck_assert_uint_eq(work->refused_front + work->refused_budget, 0);
@@ -220,7 +178,7 @@ static uint32_t fly(flight *f, int frame) {
 START_TEST(all_are_counted) {
     flight f;
     uint64_t unseen = 0, split = 0;
-    flight_open(&f, _i == 0 ? MN_BLOCKING_PACKED : MN_BLOCKING_LEVELS);
+    over_globe(&f, _i == 0 ? MN_BLOCKING_PACKED : MN_BLOCKING_LEVELS);
     for (int i = 0; i < FRAMES; i++) {
         unseen += fly(&f, i);
         split += f.nav.work.splits;

@@ -6,67 +6,25 @@
 #include <check.h>
 #include <math.h>
 
+#include "flight.h"
 #include "front.h"
-#include "model.h"
-#include "navigate.h"
-#include "rate.h"
 #include "suite.h"
 
-enum { NODES_MAX = 1 << 14, SIMPLICES_MAX = 1 << 15, FRAMES = 90, STANDS = 40, DELAY_US = 120000 };
+enum { FRAMES = 90, STANDS = 40, DELAY_US = 120000 };
 /* the disk; -1: one that is serialised, in a thread of its own */
 enum { SERIAL = -1, FAST_US = 1, USUAL = 100000 };
 
-typedef struct flight {
-    model m;
-    mni_block_limits limits;
-    mni_arena arena;
-    mni_store *store;
-    mni_navigator nav;
-} flight;
-
-static void flight_open(flight *f, int delay_us, uint32_t nodes_max) {
+static void over_globe(flight *f, int delay_us, uint32_t nodes_max) {
     static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096};
-    mn_status st = {0};
-    model_make(&f->m, MODEL_GLOBE, 12000, &blocks);
-    const mn_header *header = &f->m.header;
-    const uint32_t k = header->blocks;
-    f->limits = mni_block_limits_of(header);
-    mni_store_desc desc = {.path = f->m.path,
-                           .header = header,
-                           .kind = MN_STORE_PAGED,
-                           .k = k,
-                           .io = delay_us == SERIAL ? MN_IO_PREAD : MN_IO_SIM,
-                           .io_serial = delay_us == SERIAL,
-                           .seed = 7,
-                           .sim = {.delay_us_max = delay_us > 0 ? (uint32_t)delay_us : 0},
-                           .check = mni_front_block_check,
-                           .check_context = &f->limits,
-                           .prefetch = MN_PREFETCH_AHEAD,
-                           .rate = mni_rate_block,
-                           .look_bytes = sizeof(mni_look)};
-    ck_assert_int_eq(mni_arena_open(&f->arena,
-                                    mni_store_need_bytes(header, MN_STORE_PAGED, k) +
-                                        mni_navigator_need_bytes(header, NODES_MAX, SIMPLICES_MAX),
-                                    &st),
-                     MN_OK);
-    ck_assert_msg(mni_store_open(&desc, &f->arena, &f->store, &st) == MN_OK, "%s", st.text);
-    f->nav = (mni_navigator){.looks_ahead = true, .width_px = 640, .height_px = 480, .size = 1};
-    ck_assert_int_eq(
-        mni_navigator_open(&f->nav, f->store, header, nodes_max, SIMPLICES_MAX, &f->arena, &st),
-        MN_OK);
-}
-
-static void flight_close(flight *f) {
-    mni_store_close(f->store);
-    mni_arena_close(&f->arena);
-    model_free(&f->m);
+    const mn_header *header = flight_model(f, &blocks);
+    const mni_store_desc disk = {.io = delay_us == SERIAL ? MN_IO_PREAD : MN_IO_SIM,
+                                 .io_serial = delay_us == SERIAL,
+                                 .sim = {.delay_us_max = delay_us > 0 ? (uint32_t)delay_us : 0}};
+    flight_open(f, header->blocks, disk, nodes_max);
 }
 
 static void fly_to(flight *f, const mn_camera *camera) {
-    mni_store_frame_begin(f->store);
-    mni_navigator_frame(&f->nav, camera, 1);
-    mni_store_frame_end(f->store, 1.0 / 60);
-    mni_navigator_check(&f->nav);
+    flight_frame(f, camera, 1);
 }
 
 static void fly(flight *f, int frame) {
@@ -94,7 +52,7 @@ static uint32_t idle(flight *f, bool kept) {
 START_TEST(what_is_split_stays) {
     flight f;
     uint64_t misses = 0, kept = 0;
-    flight_open(&f, DELAY_US, NODES_MAX);
+    over_globe(&f, DELAY_US, NODES_MAX);
     for (int i = 0; i < FRAMES; i++) {
         fly(&f, i);
         misses += f.nav.work.misses;
@@ -116,7 +74,7 @@ END_TEST
 START_TEST(what_nobody_needs_goes) {
     flight f;
     uint32_t most = 0;
-    flight_open(&f, DELAY_US, NODES_MAX);
+    over_globe(&f, DELAY_US, NODES_MAX);
     for (int i = 0; i < FRAMES; i++) {
         fly(&f, i);
         for (uint32_t b = 0; b < f.nav.front.slots_high; b++) {
@@ -137,7 +95,7 @@ END_TEST
 START_TEST(without_room_it_is_undone) {
     flight f;
     uint64_t undone = 0, full = 0;
-    flight_open(&f, DELAY_US, 600);
+    over_globe(&f, DELAY_US, 600);
     for (int i = 0; i < FRAMES; i++) {
         fly(&f, i);
         undone += f.nav.work.undone;
@@ -154,7 +112,7 @@ END_TEST
 static mni_work fly_in_rounds(int delay_us, double round_ops) {
     flight f;
     mni_work sum = {0};
-    flight_open(&f, delay_us, NODES_MAX);
+    over_globe(&f, delay_us, NODES_MAX);
     f.nav.round_ops = round_ops;
     for (int i = 0; i < FRAMES; i++) { /* in and out, so fast that foresight comes too late */
         const mn_camera camera = model_camera(&f.m, 0.02 * i, 1.1 + 4 * fabs(cos(0.3 * i)));
@@ -189,7 +147,7 @@ END_TEST
 static mni_work last_frame(double round_ops, uint32_t nodes_max) {
     enum { LAST = 5 }; /* so much more is wanted there that some lacks a block */
     flight f;
-    flight_open(&f, SERIAL, nodes_max);
+    over_globe(&f, SERIAL, nodes_max);
     for (int i = 0; i <= LAST; i++) {
         const mn_camera camera = model_camera(&f.m, 0.02 * i, 1.1 + 4 * fabs(cos(0.3 * i)));
         f.nav.usual = USUAL;
