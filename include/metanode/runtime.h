@@ -144,7 +144,8 @@ typedef struct mn_frame_stats {
     double nav_cpu_ms;        /* the same, of the processor: what others do does not count */
     double tolerance_px;      /* used, degrading included */
     double error_px;          /* largest projected switch value, the grid's error added, over active
-                                 nodes inside the frustum that do not face away */
+                                 nodes inside the frustum that do not face away; the grid's is that
+                                 at the nearest point drawn, or farther where no such node is near */
     double error_inside_px;   /* the same over those that face away as well */
     double front_over_wanted; /* active nodes over those without forced splits; NaN: not computed */
     uint64_t reads, read_bytes, evictions, second_chances, prefetches;

@@ -140,8 +140,9 @@ double mni_navigator_fill(const mni_navigator *nav);
 /* mni_front_check, who waits, and that verdicts which stand are those of the last frame's camera.
  * Asserts. */
 void mni_navigator_check(mni_navigator *nav);
-/* Largest projected switch value over the active nodes inside the frustum that do not face away;
- * *inside_px: over all of them that are inside. */
+/* Largest projected switch value over the active nodes inside the frustum that do not face away,
+ * with the grid's error at the nearest point drawn or beneath them; *inside_px: over all of them
+ * that are inside. Looks at every triangle: statistics. */
 double mni_navigator_error_px(const mni_navigator *nav, double *inside_px);
 /* Nodes of the front over those it would have without forced splits. */
 double mni_navigator_front_over_wanted(const mni_navigator *nav);

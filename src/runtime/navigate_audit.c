@@ -41,20 +41,109 @@ void mni_navigator_check(mni_navigator *nav) {
     }
 }
 
+/* ---- how near is what is drawn? -------------------------------------------------------------- */
+
+static double lesser(double a, double b) {
+    return a < b ? a : b;
+}
+
+static double greater(double a, double b) {
+    return a > b ? a : b;
+}
+
+static double dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const double a[3], const double b[3], double out[3]) {
+    for (int i = 0; i < 3; i++)
+        out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
+/* Squares of distances from the eye, which is at 0: of the line from a to b; of a triangle, which
+ * is that of its plane where the eye is above it, and of an edge otherwise. */
+static double to_edge(const double a[3], const double b[3]) {
+    const double along[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+    const double length = dot(along, along);
+    double t = -dot(a, along);
+    t = length > 0 ? lesser(greater(t / length, 0), 1) : 0;
+    const double nearest[3] = {a[0] + t * along[0], a[1] + t * along[1], a[2] + t * along[2]};
+    return dot(nearest, nearest);
+}
+
+static double to_triangle(double corner[3][3]) {
+    double edge[3][3], normal[3], side[3], least = INFINITY;
+    bool above = true;
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 3; i++)
+            edge[k][i] = corner[(k + 1) % 3][i] - corner[k][i];
+    cross(edge[0], edge[1], normal);
+    const double square = dot(normal, normal);
+    for (int k = 0; k < 3; k++) {
+        cross(corner[k], edge[k], side); /* the same turn as from the eye's foot point */
+        above &= dot(side, normal) > 0;
+        least = lesser(least, to_edge(corner[k], corner[(k + 1) % 3]));
+    }
+    const double height = dot(corner[0], normal);
+    return above && square > 0 ? height * height / square : least;
+}
+
+/* From the eye to the nearest point of a triangle, or node: some have no triangle. */
+static double nearest_drawn(const mni_navigator *nav) {
+    const mni_front *f = &nav->front;
+    const double *eye = nav->lens.eye;
+    double least = INFINITY, corner[3][3];
+    for (uint32_t slot = 0; slot < f->slots_high; slot++) {
+        const float *p = &f->position[3 * (size_t)slot];
+        const double to[3] = {p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]};
+        if (mni_front_is_active(f, slot))
+            least = lesser(least, dot(to, to));
+    }
+    for (uint32_t s = 0; s < f->simplices_high; s++) {
+        const uint32_t *node = &f->simplex_node[3 * (size_t)s];
+        if (node[0] == MN_NONE || node[2] == MN_NONE)
+            continue;
+        double box = 0;
+        for (int i = 0; i < 3; i++) {
+            for (int k = 0; k < 3; k++)
+                corner[k][i] = f->position[3 * (size_t)node[k] + i] - eye[i];
+            const double low = lesser(corner[0][i], lesser(corner[1][i], corner[2][i]));
+            const double high = greater(corner[0][i], greater(corner[1][i], corner[2][i]));
+            const double off = greater(greater(low, -high), 0);
+            box += off * off;
+        }
+        if (box < least)
+            least = lesser(least, to_triangle(corner));
+    }
+    return sqrt(least);
+}
+
+/* The switch value seen at the nearest point of the node's sphere, as what is wanted has it, and
+ * the grid's error at the nearest point beneath it: no point of the input is nearer than what is
+ * drawn less the switch value. The sphere of a node with wide triangles may hold the eye though all
+ * of them are far from it. */
+static double node_error_px(const mni_lens *lens, const mni_bounds *node, double grid_px,
+                            double drawn) {
+    const double least = drawn - (double)node->switch_value;
+    return mni_lens_error_px(lens, node) + grid_px / greater(mni_lens_nearest(lens, node), least);
+}
+
 double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
-    const float grid_error = mn_grid_error(nav->front.header->grid_step);
-    double most = 0;
-    *inside_px = 0;
+    const mni_lens *lens = &nav->lens;
+    const double drawn = greater(nearest_drawn(nav), lens->distance_min);
+    const double grid_px = lens->scale_px * (double)mn_grid_error(nav->front.header->grid_step);
+    double most =
+        grid_px / drawn; /* beneath leaves: their triangles are drawn, and have no sphere */
+    *inside_px = most;
     for (uint32_t slot = 0; slot < nav->front.slots_high; slot++) {
         if (!mni_front_is_active(&nav->front, slot))
             continue;
-        mni_bounds bounds = mni_front_bounds(&nav->front, slot);
-        bounds.switch_value += grid_error;
-        double error_px = mni_lens_error_px(&nav->lens, &bounds);
-        if (error_px <= most || !mni_lens_inside(&nav->lens, &bounds))
+        const mni_bounds bounds = mni_front_bounds(&nav->front, slot);
+        const double error_px = node_error_px(lens, &bounds, grid_px, drawn);
+        if (error_px <= most || !mni_lens_inside(lens, &bounds))
             continue;
         *inside_px = fmax(*inside_px, error_px);
-        if (!mni_lens_away(&nav->lens, &bounds))
+        if (!mni_lens_away(lens, &bounds))
             most = error_px;
     }
     return most;

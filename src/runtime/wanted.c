@@ -122,11 +122,13 @@ static double distance_to(const mni_lens *lens, const float position[3]) {
     return sqrt(dot(d, d));
 }
 
-double mni_lens_error_px(const mni_lens *lens, const mni_bounds *node) {
+double mni_lens_nearest(const mni_lens *lens, const mni_bounds *node) {
     double nearest = distance_to(lens, node->position) - (double)node->radius;
-    if (nearest < lens->distance_min)
-        nearest = lens->distance_min;
-    return lens->scale_px * (double)node->switch_value / nearest;
+    return nearest < lens->distance_min ? lens->distance_min : nearest;
+}
+
+double mni_lens_error_px(const mni_lens *lens, const mni_bounds *node) {
+    return lens->scale_px * (double)node->switch_value / mni_lens_nearest(lens, node);
 }
 
 bool mni_lens_inside(const mni_lens *lens, const mni_bounds *node) {

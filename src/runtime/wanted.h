@@ -37,6 +37,8 @@ void mni_lens_make(mni_lens *lens, const mn_camera *camera, uint32_t width_px, u
 static inline bool mni_lens_tightens(const mni_lens *lens) {
     return lens->most > 1;
 }
+/* From the eye to the sphere, distance_min at least. */
+double mni_lens_nearest(const mni_lens *lens, const mni_bounds *node);
 /* The switch value in pixels, at the nearest point of the sphere. */
 double mni_lens_error_px(const mni_lens *lens, const mni_bounds *node);
 /* Does the sphere touch the frustum? */

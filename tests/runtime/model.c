@@ -163,9 +163,21 @@ static void pair(mn_mesh *m, uint32_t triangles) {
     }
 }
 
+/* Its rim is a square: what lies on a side may go, and nothing is wrong. */
+static void fan(mn_mesh *m, uint32_t triangles) {
+    static const double side[4][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
+    const uint32_t each = triangles / 4;
+    vertex(m, 0, 0, 0);
+    for (uint32_t t = 0; t < 4 * each; t++) {
+        const double *out = side[t / each], along = 2.0 * (t % each) / each - 1;
+        vertex(m, out[0] - along * out[1], 0, out[1] + along * out[0]);
+        face(m, 0, 1 + t, 1 + (t + 1) % (4 * each));
+    }
+}
+
 static void mesh_make(mn_mesh *m, model_shape shape, uint32_t triangles) {
-    static void (*const shapes[])(mn_mesh *, uint32_t) = {globe, torus,  terrain, heap,
-                                                          fins,  pencil, loose,   pair};
+    static void (*const shapes[])(mn_mesh *, uint32_t) = {globe,  torus, terrain, heap, fins,
+                                                          pencil, loose, pair,    fan};
     size_t room = 4 * (size_t)triangles + 1000;
     *m = (mn_mesh){0};
     m->position = calloc(room, 3 * sizeof *m->position);

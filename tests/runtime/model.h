@@ -15,6 +15,7 @@ typedef enum model_shape {
     MODEL_PENCIL = MODEL_SHAPES, /* all triangles at one edge, whose ends are poles */
     MODEL_LOOSE,                 /* all at one vertex, and nothing else shared */
     MODEL_PAIR,                  /* half of them so, half at another, and one at both */
+    MODEL_FAN,                   /* flat, all around one vertex */
 } model_shape;
 
 typedef struct model {
