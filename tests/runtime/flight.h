@@ -4,6 +4,7 @@
 #define MNI_TEST_FLIGHT_H
 
 #include <check.h>
+#include <math.h>
 
 #include "model.h"
 #include "navigate.h"
@@ -63,6 +64,22 @@ static inline void flight_frame(flight *f, const mn_camera *camera, double toler
     mni_navigator_frame(&f->nav, camera, tolerance_px);
     mni_store_frame_end(f->store, 1.0 / 60);
     mni_navigator_check(&f->nav);
+}
+
+/* Inner nodes of the front that are wanted; *most_px: the largest error. */
+static inline uint32_t flight_left(const flight *f, double *most_px) {
+    const mni_front *front = &f->nav.front;
+    uint32_t count = 0;
+    *most_px = 0;
+    for (uint32_t slot = 0; slot < front->slots_high; slot++) {
+        const mni_bounds bounds = mni_front_bounds(front, slot);
+        if (!mni_front_is_active(front, slot) || mni_front_is_leaf(front, slot) ||
+            !mni_lens_wants(&f->nav.lens, &bounds))
+            continue;
+        *most_px = fmax(*most_px, mni_lens_priority(&f->nav.lens, &bounds));
+        count++;
+    }
+    return count;
 }
 
 #endif

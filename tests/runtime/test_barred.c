@@ -143,22 +143,6 @@ static void over_globe(flight *f, mn_blocking blocking) {
     flight_open(f, k, (mni_store_desc){.io = MN_IO_SIM}, NODES_MAX);
 }
 
-/* Inner nodes of the front that are wanted; *most_px: the largest error. */
-static uint32_t left(const flight *f, double *most_px) {
-    const mni_front *front = &f->nav.front;
-    uint32_t count = 0;
-    *most_px = 0;
-    for (uint32_t slot = 0; slot < front->slots_high; slot++) {
-        const mni_bounds bounds = mni_front_bounds(front, slot);
-        if (!mni_front_is_active(front, slot) || mni_front_is_leaf(front, slot) ||
-            !mni_lens_wants(&f->nav.lens, &bounds))
-            continue;
-        *most_px = fmax(*most_px, mni_lens_priority(&f->nav.lens, &bounds));
-        count++;
-    }
-    return count;
-}
-
 /* Returns how many were refused without a look, at least. */
 static uint32_t fly(flight *f, int frame) {
     const double along = frame / (double)FRAMES;
@@ -166,7 +150,7 @@ static uint32_t fly(flight *f, int frame) {
     double most_px;
     flight_frame(f, &camera, 0.5);
     const mni_work *work = &f->nav.work;
-    const uint32_t wanted = left(f, &most_px);
+    const uint32_t wanted = flight_left(f, &most_px);
     ck_assert_uint_eq(work->refused_front + work->refused_budget, 0);
     ck_assert_uint_le(work->refused_pool, wanted);
     ck_assert_uint_le(wanted, work->refused_pool + work->misses);
