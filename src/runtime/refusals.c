@@ -31,7 +31,6 @@ void mni_refusals_begin(mni_navigator *nav) {
     nav->turn = (nav->turn + 1) % MNI_TURNS;
     nav->epoch = epoch;
     nav->there_only = nav->seeks && mni_store_there_only(nav->front.store, true);
-    nav->seeks = nav->there_only;
     mni_lacking_forget(&nav->lacking);
 }
 
