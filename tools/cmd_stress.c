@@ -41,14 +41,14 @@ enum {
     ALL_BLOCKS_MAX = 4096, /* of a file that is sometimes given a place holder for each */
     FAULT_PER_MILLE_MAX = 250,
     RUN_SECONDS_MAX = 600, /* then it hangs */
-    LOOK_MS = 50,          /* for an interrupt */
+    LOOK_MS = 50,          /* for an interrupt, and for the time */
 };
 
 static const char help[] =
     "usage: metanode stress FILE [OPTION …]\n"
     "Navigates FILE with tiny memory, wild cameras and failing disks, and checks every invariant\n"
     "after every frame. Ends with exit 1 and the command that repeats it when something is wrong.\n"
-    "  --seconds S     go on for so long (10)\n"
+    "  --seconds S     go on for so long (10); the run at hand is then cut\n"
     "  --runs N        this many runs instead\n"
     "  --frames N      frames of a run (150)\n"
     "  --seed S        of the first run; each further one has the next (1)\n"
@@ -71,7 +71,7 @@ typedef struct verdict {
     uint32_t k, k_min, blocks, settle_frames;
     mn_io_kind io;
     bool faults, serial, all_blocks, uring_refused;
-    bool cut; /* by an interrupt: it says nothing, and does not count */
+    bool cut; /* by an interrupt, or as the time is up: it says nothing, and does not count */
     uint64_t shrunk, grown;
     mn_session_stats totals;
 } verdict;
@@ -344,12 +344,12 @@ static void child(const options *asked, const mn_header *header, uint64_t seed, 
     _exit(write(to, &v, sizeof v) == (ssize_t)sizeof v ? 0 : 1);
 }
 
-/* Until the child has spoken, or has gone; or we are interrupted. */
-static bool hear(int from, verdict *v) {
+/* Until the child has spoken, or has gone; or we are interrupted, or it is end_s by the clock. */
+static bool hear(int from, double end_s, verdict *v) {
     struct pollfd ready = {.fd = from, .events = POLLIN};
     ssize_t got;
     while (poll(&ready, 1, LOOK_MS) <= 0)
-        if (cli_interrupted() != 0)
+        if ((v->cut = cli_interrupted() != 0 || cli_seconds(CLOCK_MONOTONIC) >= end_s))
             return false;
     while ((got = read(from, v, sizeof *v)) < 0 && errno == EINTR)
         continue;
@@ -357,8 +357,8 @@ static bool hear(int from, verdict *v) {
 }
 
 /* What the child says, or how it ended. false: there could be none. */
-static bool run_apart(const options *asked, const mn_header *header, uint64_t seed, verdict *v,
-                      mn_status *st) {
+static bool run_apart(const options *asked, const mn_header *header, uint64_t seed, double end_s,
+                      verdict *v, mn_status *st) {
     int ends[2], status = 0;
     memset(v, 0, sizeof *v);
     fflush(NULL);
@@ -370,9 +370,9 @@ static bool run_apart(const options *asked, const mn_header *header, uint64_t se
         child(asked, header, seed, ends[1]);
     }
     close(ends[1]);
-    bool told = pid > 0 && hear(ends[0], v);
+    bool told = pid > 0 && hear(ends[0], end_s, v);
     close(ends[0]);
-    v->cut = pid > 0 && !told && cli_interrupted() != 0;
+    v->cut |= pid > 0 && !told && cli_interrupted() != 0; /* the child has heard it as well */
     if (v->cut)
         kill(pid, SIGKILL);
     if (pid < 0)
@@ -398,6 +398,7 @@ typedef struct sums {
     uint64_t adapt, misses, refused, reads, damaged, io_errors, evictions;
     uint64_t damaged_file; /* of damaged, those of runs whose disk was sound */
     uint32_t k_least, k_most, k_min, settle_most;
+    bool cut; /* the last run */
     double seconds;
 } sums;
 
@@ -430,7 +431,12 @@ static void add(sums *s, const verdict *v, uint64_t frames) {
 
 static void print_words(const options *o, const sums *s) {
     if (s->runs == 0) {
-        printf("%s: interrupted before the first run was over\n", o->path);
+        if (cli_interrupted() != 0)
+            printf("%s: interrupted before the first run was over\n", o->path);
+        else
+            printf("%s: the first run was not over in %llu second%s: more --seconds, or fewer "
+                   "--frames\n",
+                   o->path, (unsigned long long)o->seconds, cli_s(o->seconds));
         return;
     }
     printf("%s: %llu run%s, %llu frame%s, seeds %llu … %llu, %.1f s\n", o->path,
@@ -456,6 +462,9 @@ static void print_words(const options *o, const sums *s) {
            "back to the\n             roots, lost no command and allocated nothing; %llu ran twice "
            "alike\n",
            s->settle_most, cli_s(s->settle_most), (unsigned long long)s->twice);
+    if (s->cut)
+        printf("  cut        the run of seed %llu, which does not count\n",
+               (unsigned long long)(o->seed + s->runs));
 }
 
 static void print_json(const options *o, const sums *s, const char *wrong, uint64_t seed) {
@@ -486,6 +495,7 @@ static void print_json(const options *o, const sums *s, const char *wrong, uint6
     json_u64(&j, "checksum_failures_without_faults", s->damaged_file);
     json_u64(&j, "io_errors", s->io_errors);
     json_u64(&j, "settle_frames_max", s->settle_most);
+    json_bool(&j, "last_run_cut", s->cut);
     json_bool(&j, "held", wrong == NULL);
     if (wrong != NULL) {
         json_str(&j, "failure", wrong);
@@ -523,10 +533,12 @@ static int go(const options *o) {
         return cli_status(&st);
     }
     const double begun_s = cli_seconds(CLOCK_MONOTONIC);
+    const double end_s = o->runs > 0 ? INFINITY : begun_s + (double)o->seconds;
     uint64_t seed = o->seed;
     bool more = true, good = true;
     for (; more && good && v.wrong[0] == 0; seed++) {
-        good = run_apart(o, header, seed, &v, &st);
+        good = run_apart(o, header, seed, end_s, &v, &st);
+        s.cut = v.cut;
         if (good && v.wrong[0] == 0 && !v.cut)
             add(&s, &v, o->frames);
         s.seconds = cli_seconds(CLOCK_MONOTONIC) - begun_s;

@@ -47,6 +47,13 @@ for to in "-" ""; do
     check "interrupt: the run has gone" has_gone "$run"
 done
 
+# The end of --seconds too, and though there is a run that would go on for hours (it was waited for).
+expect 0 "end" stress "$scratch/packed.mnt" --seconds 1 --frames 1000000 --io sim
+check "end: nothing is claimed" grep -q 'the first run was not over in 1 second' "$out"
+expect 0 "end, figures" stress "$scratch/packed.mnt" --seconds 1 --frames 1000000 --io sim --json
+check "end: no run" grep -q '"runs": 0,' "$out"
+check "end: it says so" grep -q '"last_run_cut": true' "$out"
+
 # Who hears it goes, and with him who is heard.
 "$metanode" stress "$scratch/packed.mnt" --runs 2 --frames 1000000 --io sim >"$out" 2>"$err" &
 child=$!
