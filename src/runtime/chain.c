@@ -9,7 +9,8 @@
  *                  split stays, for MNI_KEPT_FRAMES though nobody wants it: the next search goes
  *                  on from there, and what it needs is in use. Otherwise it is undone, and its
  *                  blocks are granted as long as it is tried in every frame (pool_navigate.c)
- *   is refused     it is undone, and known to the others that come by the same node (refusals.h).
+ *   is refused     before it has split anything, where that is known then (scarce.h); otherwise it
+ *                  is undone. It is known to the others that come by the same node (refusals.h).
  *                  With little room none is kept, or pieces of chains would keep each other from
  *                  being completed
  *
@@ -21,6 +22,7 @@
 
 #include "mn_assert.h"
 #include "refusals.h"
+#include "scarce.h"
 
 enum { SMALL_TRIANGLES = 2000 };
 
@@ -141,6 +143,7 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
     mni_front *front = &nav->front;
     mni_outcome outcome = MNI_DONE;
     uint32_t top = 1, missed = 0, first_missed = 0;
+    uint32_t who = 0; /* on the stack, that cannot be split */
     nav->stack[0] = mni_front_ref_of(front, slot);
     nav->pusher[0] = MNI_NOBODY;
     *count = 0;
@@ -150,6 +153,8 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
         return MNI_MISS;
     }
     mni_lacking_chain(&nav->lacking);
+    if (mni_scarce_begin(nav, &who))
+        outcome = MNI_REFUSED_POOL;
     while (top > 0 && outcome == MNI_DONE) {
         mni_front_ref at = nav->stack[top - 1];
         if (!mni_front_stands(front, at)) {
@@ -157,6 +162,7 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
             continue;
         }
         uint32_t pushed = push_blockers(nav, at.slot, top);
+        who = top - 1;
         if (mni_refusals_bar(nav, top, pushed)) {
             outcome = MNI_REFUSED_POOL;
             break;
@@ -175,6 +181,8 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
                 nav->pusher[top + i] = (uint16_t)(top - 1);
             fetch_pushed(nav, top, pushed);
             top += pushed;
+            if (mni_scarce_pushed(nav, top - pushed, pushed, &who))
+                outcome = MNI_REFUSED_POOL;
         } else if (missed > 0 && has_asked(nav, missed, *count - first_missed, *count)) {
             outcome = MNI_MISS;
         } else if (lack != NULL) {
@@ -206,7 +214,7 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
         mni_lacking_forget(&nav->lacking);
     chain_end(nav, outcome, count);
     if (outcome == MNI_REFUSED_POOL)
-        mni_refusals_put_on_the_way(nav, top - 1);
+        mni_refusals_put_on_the_way(nav, who);
     mni_store_attempt_over(front->store);
     return outcome;
 }

@@ -23,7 +23,8 @@ enum {
     MNI_SOON_MAX = 1 << 14,   /* nodes found in a frame to be wanted in a moment; more: the next */
     MNI_PLACES_MIN = 1 << 12, /* nodes of a front: fewer are in the cache whatever the order */
     MNI_CROWD_SHARE = 8,      /* of the front's nodes: forks that a frame has to test, in a crowd */
-    MNI_TURNS = 16,           /* frames in which each refused chain has its turn */
+    MNI_NEEDS_MAX = 16, /* blocks that a chain is known to need, where there is so little room */
+    MNI_TURNS = 16,     /* frames in which each refused chain has its turn */
 };
 #define MNI_NOBODY UINT16_MAX /* has pushed the first of a stack */
 /* Of the scarcest room, up to which something is split early, or kept. */
@@ -61,6 +62,8 @@ typedef struct mni_navigator {
     uint16_t *pusher;     /* likewise: where on the stack those stand for whom they must be split */
     uint32_t *chain;      /* chain_max branches */
     uint32_t chain_max;
+    uint32_t needs[MNI_NEEDS_MAX]; /* of a chain, so many blocks that have no place */
+    uint32_t needs_count;
     mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
     mni_barred barred;    /* of those the ones that are wanted */
     mni_lacking lacking;  /* what this frame's chains have found absent */

@@ -106,6 +106,9 @@ void mni_pool_refuse(mni_pool *pool, const mni_refusal *known, uint32_t table_co
                      uint32_t in_use);
 /* What the rules leave for blocks that are not in use; below 1: nothing. */
 int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use);
+/* See mni_store_has_place, of what is not in the ancestor table, and mni_store_no_room. */
+bool mni_pool_has_place(const mni_pool *pool, uint32_t block_id);
+void mni_pool_no_room(mni_pool *pool, const mni_wish *wish, uint32_t blocks);
 /* See mni_store_fill. */
 double mni_pool_fill(const mni_pool *pool, uint32_t table_count, uint32_t in_use);
 /* Asks for a root block before the first frame; mni_pool_end_frame posts it. */

@@ -218,6 +218,22 @@ void mni_pool_refuse(mni_pool *pool, const mni_refusal *known, uint32_t table_co
     pool->need_alone = known->need;
 }
 
+/* packed: what is not in the table takes a place as soon as it is asked for, if it has no grant. */
+bool mni_pool_has_place(const mni_pool *pool, uint32_t block_id) {
+    return pool->header->blocking != MN_BLOCKING_PACKED ||
+           k_in_service(pool) >= pool->header->blocks ||
+           mni_grants_find(&pool->grants, block_id) != MNI_HASHMAP_NONE;
+}
+
+void mni_pool_no_room(mni_pool *pool, const mni_wish *wish, uint32_t blocks) {
+    attempt_begins(pool, wish->table_count, wish->in_use);
+    attempt_refused(pool, wish->ref.id,
+                    blocks - mni_pool_room(pool, wish->table_count, wish->in_use));
+    pool->need_alone = 1;
+    MNI_TRACE(MN_TRACE_REFUSED, 0, wish->ref.id, 0);
+    mni_sought_put(&pool->sought, wish->ref, wish->parent.id);
+}
+
 static bool is_there(const mni_holder *holder) {
     return holder->state == MNI_HOLDER_LOADED || holder->state == MNI_HOLDER_FREED;
 }

@@ -260,6 +260,24 @@ void mni_store_refuse(mni_store *store, const mni_refusal *known) {
     store->kind->refuse(store->blocks, known, table->count, table->in_use);
 }
 
+int64_t mni_store_room(const mni_store *store) {
+    const mni_ancestors *table = &store->table;
+    return store->kind->room != NULL ? store->kind->room(store->blocks, table->count, table->in_use)
+                                     : INT64_MAX;
+}
+
+bool mni_store_has_place(const mni_store *store, uint32_t block_id) {
+    return mni_ancestors_find(&store->table, block_id) != MNI_NO_ENTRY ||
+           store->kind->has_place == NULL || store->kind->has_place(store->blocks, block_id);
+}
+
+void mni_store_no_room(mni_store *store, mni_entry parent, mn_block_ref ref, uint32_t blocks) {
+    const mni_wish wish = wish_for(store, MNI_WAY_DOWN, ref, parent);
+    MN_ASSERT(store->kind->no_room != NULL && (int64_t)blocks > mni_store_room(store));
+    store->table_full = false;
+    store->kind->no_room(store->blocks, &wish, blocks);
+}
+
 bool mni_store_allows(const mni_store *store, const mni_refusal *refusal, bool lenient) {
     const mni_ancestors *table = &store->table;
     MN_ASSERT(refusal->block_id != 0 && refusal->need > 0);

@@ -136,6 +136,14 @@ mni_refusal mni_store_refusal(const mni_store *store, bool alone);
 /* The attempt comes to a node that was refused before, for a block that is known, and would be
  * again (mni_store_allows): it is given up as if it had asked for that block. */
 void mni_store_refuse(mni_store *store, const mni_refusal *known);
+/* Blocks that may come into use beside those that are, or are granted. INT64_MAX: all. */
+int64_t mni_store_room(const mni_store *store);
+/* Does a block need none of that room: is it in use, an ancestor, granted, or are there no rules?
+ */
+bool mni_store_has_place(const mni_store *store, uint32_t block_id);
+/* The attempt comes to need `blocks` blocks, that child of the block at `parent` among them, and
+ * there is room for fewer: it is given up as if it had asked for them, one after the other. */
+void mni_store_no_room(mni_store *store, mni_entry parent, mn_block_ref ref, uint32_t blocks);
 /* May what was refused be granted now? false: it would be refused again. lenient: another may have
  * brought some of its blocks in since, so that less room would do. */
 bool mni_store_allows(const mni_store *store, const mni_refusal *refusal, bool lenient);

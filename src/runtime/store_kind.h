@@ -42,6 +42,8 @@ typedef struct mni_store_kind {
     mni_refusal (*refusal)(const void *self, bool alone);
     void (*refuse)(void *self, const mni_refusal *known, uint32_t table_count, uint32_t in_use);
     int64_t (*room)(const void *self, uint32_t table_count, uint32_t in_use);
+    bool (*has_place)(const void *self, uint32_t block_id); /* of what is not in the table */
+    void (*no_room)(void *self, const mni_wish *wish, uint32_t blocks);
     double (*fill)(const void *self, uint32_t table_count, uint32_t in_use);
     /* Of a block that was answered "absent": is it asked for, and has not failed? NULL: never. */
     bool (*comes)(void *self, uint32_t block_id);

@@ -307,6 +307,14 @@ static int64_t room(const void *self, uint32_t table_count, uint32_t in_use) {
     return mni_pool_room(&((const paged *)self)->pool, table_count, in_use);
 }
 
+static bool has_place(const void *self, uint32_t block_id) {
+    return mni_pool_has_place(&((const paged *)self)->pool, block_id);
+}
+
+static void no_room(void *self, const mni_wish *wish, uint32_t blocks) {
+    mni_pool_no_room(&((paged *)self)->pool, wish, blocks);
+}
+
 static double fill(const void *self, uint32_t table_count, uint32_t in_use) {
     return mni_pool_fill(&((const paged *)self)->pool, table_count, in_use);
 }
@@ -443,6 +451,8 @@ const mni_store_kind mni_store_paged = {
     .refusal = refusal,
     .refuse = refuse,
     .room = room,
+    .has_place = has_place,
+    .no_room = no_room,
     .fill = fill,
     .comes = comes,
     .look = look,

@@ -7,11 +7,14 @@
 #include <math.h>
 
 #include "flight.h"
+#include "chain.h"
 #include "front.h"
+#include "scarce.h"
 #include "suite.h"
 
 enum { FRAMES = 90, STANDS = 40, DELAY_US = 120000 };
 /* the disk; -1: one that is serialised, in a thread of its own */
+enum { UNDONE_SHARE = 10 }; /* one in so many splits */
 enum { SERIAL = -1, FAST_US = 1, USUAL = 100000 };
 
 static void over_globe(flight *f, int delay_us, uint32_t nodes_max) {
@@ -21,6 +24,14 @@ static void over_globe(flight *f, int delay_us, uint32_t nodes_max) {
                                  .io_serial = delay_us == SERIAL,
                                  .sim = {.delay_us_max = delay_us > 0 ? (uint32_t)delay_us : 0}};
     flight_open(f, header->blocks, disk, nodes_max);
+}
+
+/* As many places as half of the blocks, a disk that is there within a frame. */
+static void short_of_places(flight *f) {
+    static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096};
+    const mn_header *header = flight_model(f, &blocks);
+    const mni_store_desc disk = {.io = MN_IO_SIM, .sim = {.delay_us_max = FAST_US}};
+    flight_open(f, header->blocks / 2, disk, NODES_MAX);
 }
 
 static void fly_to(flight *f, const mn_camera *camera) {
@@ -174,6 +185,63 @@ START_TEST(a_miss_is_no_want_of_room) {
 }
 END_TEST
 
+/* A camera that turns over a globe which needs more blocks than there are places. */
+static void turn_short(flight *f, int frame) {
+    const mn_camera camera = model_camera(&f->m, 0.05 * frame, 1.6);
+    flight_frame(f, &camera, 0.5);
+}
+
+/* The chain of an active node, found whatever is known of the room; what it splits is undone. */
+static mni_outcome chain_by_splitting(flight *f, uint32_t slot) {
+    uint32_t count = 0;
+    f->nav.early_splits = true;
+    const mni_outcome outcome = mni_chain_find(&f->nav, slot, &count);
+    f->nav.early_splits = false;
+    while (count > 0)
+        mni_front_unsplit(&f->nav.front, f->nav.chain[--count]);
+    mni_store_attempt_over(f->store);
+    return outcome;
+}
+
+/* Whose chain is known to find no room, without a split, would be refused; or lack a block, since
+ * it is asked for them one after the other, and not for all. */
+START_TEST(no_room_is_known_before) {
+    flight f;
+    uint32_t known = 0, refused = 0, who;
+    uint64_t undone = 0, splits = 0;
+    short_of_places(&f);
+    for (int i = 0; i < FRAMES; i++) {
+        turn_short(&f, i);
+        undone += f.nav.work.undone;
+        splits += f.nav.work.splits;
+        mni_front *front = &f.nav.front;
+        for (uint32_t slot = 0; i % 8 == 0 && slot < front->slots_high; slot++) {
+            if (!mni_front_is_active(front, slot) || mni_front_is_leaf(front, slot))
+                continue;
+            f.nav.stack[0] = mni_front_ref_of(front, slot);
+            f.nav.pusher[0] = MNI_NOBODY;
+            const uint64_t version = front->version, before = f.nav.work.undone;
+            const bool is = mni_scarce_begin(&f.nav, &who);
+            mni_store_attempt_over(f.store);
+            ck_assert_uint_eq(front->version, version);
+            ck_assert_uint_eq(f.nav.work.undone, before);
+            if (!is)
+                continue;
+            known++;
+            const mni_outcome outcome = chain_by_splitting(&f, slot);
+            ck_assert(outcome == MNI_REFUSED_POOL || outcome == MNI_MISS);
+            refused += outcome == MNI_REFUSED_POOL;
+        }
+    }
+    ck_assert_uint_gt(known, 1000);
+    ck_assert_uint_gt(2 * refused, known);
+    ck_assert_uint_gt(splits, 0);
+    ck_assert_msg(UNDONE_SHARE * undone < splits, "%ju splits, %ju undone", (uintmax_t)splits,
+                  (uintmax_t)undone);
+    flight_close(&f);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("chain");
     TCase *tc = tcase_create("chain");
@@ -183,6 +251,7 @@ int main(void) {
     tcase_add_test(tc, without_room_it_is_undone);
     tcase_add_loop_test(tc, missed_again_in_the_frame, 0, 2);
     tcase_add_test(tc, a_miss_is_no_want_of_room);
+    tcase_add_test(tc, no_room_is_known_before);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }
