@@ -20,7 +20,10 @@
  * table of leaves are asked for in the order of leaves; that is one in space too, as ids are, so a
  * few pages do (pages.h).
  *
- * Here: the plan of memory, and the steps' order. One thread. */
+ * A second thread, where memory has room for a second bucket, deals a bucket's simplices beside the
+ * next one's collapses in step 1, and loads the bucket that comes next in steps 2 and 3.
+ *
+ * Here: the plan of memory, and the steps' order. */
 #include "order.h"
 
 #include "mn_assert.h"
@@ -29,29 +32,39 @@
 #include "rows.h"
 
 enum {
-    BITS_MIN = 12,       /* of a group of the history: none is in two buckets */
-    BITS_MAX = 16,       /* of a row or collapse in its bucket: 2 bytes */
-    CHUNK_MAX = 4 << 20, /* most buckets fit one */
-    CHUNK_GOOD = 256,    /* with less, the calls cost more than the bytes */
+    BITS_MIN = 12,        /* of a group of the history: none is in two buckets */
+    BITS_MAX = 16,        /* of a row or collapse in its bucket: 2 bytes */
+    BITS_GOOD = 14,       /* two buckets of rows then fit a cache of 2 MB */
+    CHUNK_MAX = 4 << 20,  /* most buckets fit one */
+    CHUNK_GOOD = 256,     /* with less, the calls cost more than the bytes */
+    CHUNK_FINE = 8 << 10, /* and from there on hardly anything */
     PLAN_LEAST = 1 << 20,
+    PAGES_PART = 4, /* of the memory that pages must have beside two buckets */
     ALIGN = 16,
 };
 
 _Static_assert(1 << BITS_MIN == MNI_HISTORY_GROUP, "groups are parts of buckets");
 
+/* A bucket's, of each kind that is dealt: messages, rows, order ids, simplices; and one to read. */
+static uint64_t chunk_bytes(uint64_t leaves, uint64_t work, uint32_t bits) {
+    const uint64_t size = UINT64_C(1) << bits, buckets = (leaves + size - 1) >> bits;
+    return work / 2 / (4 * buckets + 1);
+}
+
 /* count × size, a line for each consumer. */
-static bool plan_memory(mni_order_plan *p, uint64_t leaves, uint64_t work, uint32_t chunk_least) {
+static bool plan_memory(mni_order_plan *p, uint64_t leaves, uint64_t work, uint32_t chunk_least,
+                        uint32_t threads) {
     const uint64_t node = 48 /* a collapse in step 1 */,
                    row = sizeof(mni_row) + 4 /* its leaf's id */;
     const uint64_t fixed = 3 * MNI_ORDER_BUFFER_BYTES /* readers, a writer */ +
                            MNI_ORDER_PLACES_BYTES + 8 * ALIGN + 4096;
-    *p = (mni_order_plan){.bits = BITS_MIN};
+    *p = (mni_order_plan){.bits = BITS_MIN, .threads = threads};
     while (p->bits < BITS_MAX && (UINT64_C(2) << p->bits) * row <= work / 4 &&
-           (UINT64_C(1) << p->bits) < leaves)
+           (UINT64_C(1) << p->bits) < leaves &&
+           (p->bits < BITS_GOOD || chunk_bytes(leaves, work, p->bits) < CHUNK_FINE))
         p->bits++;
     uint64_t size = UINT64_C(1) << p->bits, buckets = (leaves + size - 1) >> p->bits;
-    /* messages, rows, order ids, simplices; and one to read */
-    uint64_t chunk = work / 2 / (4 * buckets + 1);
+    uint64_t chunk = chunk_bytes(leaves, work, p->bits);
     chunk = chunk > 64 ? (chunk - 64) / 8 * 8 : 0;
     p->chunk_bytes = (uint32_t)(chunk < CHUNK_MAX ? chunk : CHUNK_MAX);
     p->buckets = (uint32_t)buckets;
@@ -59,8 +72,8 @@ static bool plan_memory(mni_order_plan *p, uint64_t leaves, uint64_t work, uint3
         return false;
     uint64_t dealt = mni_buckets_need(p->buckets, p->chunk_bytes);
     p->dealt_bytes = 3 * dealt;
-    p->nodes_bytes = dealt + size * node + p->chunk_bytes + fixed;
-    uint64_t rows = size * row + p->chunk_bytes + fixed;
+    p->nodes_bytes = dealt + threads * size * node + p->chunk_bytes + fixed;
+    uint64_t rows = threads * size * row + p->chunk_bytes + fixed;
     if (work < p->dealt_bytes + p->nodes_bytes + 2 * MNI_SORT_BUDGET_MIN ||
         work < p->dealt_bytes + rows + 2 * MNI_PAGES_BUDGET_MIN)
         return false;
@@ -70,6 +83,8 @@ static bool plan_memory(mni_order_plan *p, uint64_t leaves, uint64_t work, uint3
     /* in step 3 simplices take the rows' room */
     p->leaves_bytes = pages / 2;
     p->vertices_bytes = pages / 2;
+    if (threads > 1 && pages < work / PAGES_PART)
+        return false;
     p->simplices_at_once = (uint32_t)((size * (row - 4) - ALIGN) / sizeof(mni_row_simplex));
     return true;
 }
@@ -84,7 +99,7 @@ static uint64_t enough(uint64_t vertices, uint64_t simplices) {
 uint64_t mni_order_work_min(uint64_t vertices) {
     mni_order_plan plan;
     uint64_t work = PLAN_LEAST;
-    while (!plan_memory(&plan, vertices, work, CHUNK_GOOD))
+    while (!plan_memory(&plan, vertices, work, CHUNK_GOOD, 1))
         work += work / 16 / 4096 * 4096;
     return work;
 }
@@ -143,7 +158,8 @@ mn_code mni_order(mni_history *history, mni_extmesh *mesh, const mni_order_desc 
     *out = (mni_ordered){.file = {.fd = -1}};
     if (work == 0 || work > all)
         work = all;
-    if (!plan_memory(&w.plan, vertices, work, MNI_BUCKET_CHUNK_MIN))
+    if ((desc->threads < 2 || !plan_memory(&w.plan, vertices, work, MNI_BUCKET_CHUNK_MIN, 2)) &&
+        !plan_memory(&w.plan, vertices, work, MNI_BUCKET_CHUNK_MIN, 1))
         return mn_fail(st, MN_CAP_TOO_SMALL, "%.1f MB are too few to order %llu vertices",
                        (double)work / (1 << 20), (unsigned long long)vertices);
     mn_code code = mni_spill_open_kept(&out->file, desc->temp_dir, desc->keep, st);

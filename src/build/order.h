@@ -14,6 +14,7 @@ typedef struct mni_order_desc {
     uint64_t work_bytes;  /* at least mni_order_work_min; 0: as much as keeps off the disk */
     const char *temp_dir; /* outlives *out */
     bool keep;            /* *out is a kept spill */
+    uint32_t threads;     /* 0: 1; of more than 2, 2 are used, if there is room. The same for any */
     const mn_watch *watch;
 } mni_order_desc;
 

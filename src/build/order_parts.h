@@ -11,6 +11,7 @@
 /* How work_bytes is divided. Buckets are of 2^bits collapses, or of as many rows. */
 typedef struct mni_order_plan {
     uint32_t bits, buckets, chunk_bytes;
+    uint32_t threads;        /* 1, or 2: a bucket in each, so two of them in memory */
     uint64_t dealt_bytes;    /* rows, simplices, order ids: all the time */
     uint64_t nodes_bytes;    /* step 1, its sort apart */
     uint64_t sort_bytes;     /* step 1 */

@@ -360,6 +360,7 @@ static mn_code order_phase(maker *m) {
     const mni_order_desc desc = {.work_bytes = m->work_bytes,
                                  .temp_dir = m->temp_dir,
                                  .keep = m->work != NULL,
+                                 .threads = m->simplify.threads,
                                  .watch = &m->watch};
     mn_code code = mni_order(&m->history, &m->mesh, &desc, &ordered, m->st);
     if (code != MN_OK)
