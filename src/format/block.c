@@ -56,7 +56,6 @@ static void lay_out_short(mni_block *view) {
         view->delta_base[i] = mni_base(view->base, BASE_DELTA + i) - MNI_BIAS;
         view->delta_bits[i] = (uint8_t)width_of(view, FIELD_DELTA + i);
     }
-    view->exits_at = (uint32_t)(view->exit_rows - view->node_rows);
     view->place_at = (uint16_t)mni_edge(edge, FIELD_LEFT);
     view->way_at = (uint16_t)mni_edge(edge, FIELD_EXITS);
     view->simplex_at = (uint16_t)mni_edge(edge, FIELD_NODE_END);
@@ -228,32 +227,23 @@ void mni_block_exit(const mni_block *view, uint32_t exit, mni_child *out) {
     get_facts(view, view->exit_rows, (uint64_t)exit * view->exit_bits, &out->facts);
 }
 
-static inline void get_child(const mni_block *view, mni_child_kind kind, uint32_t inner,
+/* Where the facts of a child begin, in bits from the node rows. Which kind it is nobody can guess:
+ * of a leaf it is some row. */
+static inline uint64_t child_at(const mni_block *view, const mni_child *child) {
+    const uint64_t is_exit = 0 - (uint64_t)(child->kind == MNI_CHILD_SUBTREE);
+    const uint64_t is_inner = 0 - (uint64_t)(child->kind == MNI_CHILD_INNER);
+    const uint64_t exits = (uint64_t)(view->exit_rows - view->node_rows) * 8;
+    return ((exits + (uint64_t)child->exit * view->exit_bits) & is_exit) |
+           ((uint64_t)child->node * view->node_bits & is_inner);
+}
+
+static inline void set_child(const mni_block *view, mni_child_kind kind, uint32_t inner,
                              uint32_t exit, mni_child *out) {
     out->kind = kind;
     out->node = inner;
     out->exit = exit;
     out->ref = MN_NONE;
-    out->facts = (mni_facts){0};
-    if (kind == MNI_CHILD_INNER)
-        get_facts_long(view, view->node_rows, (uint64_t)inner * view->node_bits, &out->facts);
-    else if (kind == MNI_CHILD_SUBTREE)
-        get_facts_long(view, view->exit_rows, (uint64_t)exit * view->exit_bits, &out->facts);
-}
-
-/* Which kind it is nobody can guess: so facts are read in any case, of a leaf those of some node.
- */
-SHORT_INLINE void get_child_short(const mni_block *view, mni_child_kind kind, uint32_t inner,
-                                  uint32_t exit, mni_child *out) {
-    uint64_t is_exit = 0 - (uint64_t)(kind == MNI_CHILD_SUBTREE);
-    uint64_t is_inner = 0 - (uint64_t)(kind == MNI_CHILD_INNER);
-    uint64_t at = ((uint64_t)exit * view->exit_bits & is_exit) |
-                  ((uint64_t)inner * view->node_bits & is_inner);
-    out->kind = kind;
-    out->node = inner;
-    out->exit = exit;
-    out->ref = MN_NONE;
-    get_facts_short(view, view->node_rows + (view->exits_at & is_exit), at, &out->facts);
+    __builtin_prefetch(view->node_rows + (child_at(view, out) >> 3));
 }
 
 /* The leaves of the left child, and the steps to the right one. */
@@ -301,8 +291,8 @@ static void split_long(const mni_block *view, uint32_t node, const mni_place *at
         distance = way[1];
         exit = way[2];
     }
-    get_child(view, left, node + 1, exit, &out->left);
-    get_child(view, right, node + distance, exit + (left == MNI_CHILD_SUBTREE), &out->right);
+    set_child(view, left, node + 1, exit, &out->left);
+    set_child(view, right, node + distance, exit + (left == MNI_CHILD_SUBTREE), &out->right);
 }
 
 /* The same, the short way. */
@@ -329,8 +319,28 @@ SHORT static void split_short(const mni_block *view, uint32_t node, const mni_pl
     _Static_assert(MNI_CHILD_LEAF == 0 && MNI_CHILD_INNER == 1 && MNI_CHILD_SUBTREE == 2, "below");
     uint32_t left = (exits & 1) << 1 | ((uint32_t)(left_leaves > 1) & ~exits);
     uint32_t right = (exits & 2) | ((uint32_t)(at->leaf_hi - out->leaf_mid > 1) & ~exits >> 1);
-    get_child_short(view, left, node + 1, exit, &out->left);
-    get_child_short(view, right, node + distance, exit + (exits & 1), &out->right);
+    set_child(view, left, node + 1, exit, &out->left);
+    set_child(view, right, node + distance, exit + (exits & 1), &out->right);
+}
+
+SHORT static void children_short(const mni_block *view, mni_node *node) {
+    get_facts_short(view, view->node_rows, child_at(view, &node->left), &node->left.facts);
+    get_facts_short(view, view->node_rows, child_at(view, &node->right), &node->right.facts);
+}
+
+static void child_long(const mni_block *view, mni_child *child) {
+    child->facts = (mni_facts){0};
+    if (child->kind != MNI_CHILD_LEAF)
+        get_facts_long(view, view->node_rows, child_at(view, child), &child->facts);
+}
+
+void mni_block_children(const mni_block *view, mni_node *node) {
+    if (view->is_short) {
+        children_short(view, node);
+        return;
+    }
+    child_long(view, &node->left);
+    child_long(view, &node->right);
 }
 
 void mni_block_split(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out) {
@@ -351,6 +361,7 @@ void mni_block_split(const mni_block *view, uint32_t node, const mni_place *at, 
 
 void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out) {
     mni_block_split(view, node, at, out);
+    mni_block_children(view, out);
     mni_block_facts(view, node, &out->facts);
     if (out->left.kind == MNI_CHILD_SUBTREE)
         get_way(view, &out->left);

@@ -104,7 +104,7 @@ typedef struct mni_block {
     bool is_short; /* fields are so narrow that few reads fetch them, by instructions that the
                       processor has; then these say how: */
     uint64_t facts_spread, facts_base;
-    uint32_t delta_base[3], exits_at;      /* bytes from the node rows */
+    uint32_t delta_base[3];
     uint16_t place_at, way_at, simplex_at; /* bits into a row */
     uint8_t order_bits, left_bits, delta_bits[3], right_bits, exit_bits_of, a_bits, b_bits,
         third_bits;
@@ -134,11 +134,15 @@ void mni_block_reopen(mni_block *view, const void *bytes);
 
 /* at: what is known of the node from above. */
 void mni_block_node(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out);
-/* The same but for what a split does not ask for: the node's own facts, and where exits lead. */
+/* The same but for what a split does not ask for: the node's own facts, and where exits lead. The
+ * children's facts are asked for, and mni_block_children reads them. */
 void mni_block_split(const mni_block *view, uint32_t node, const mni_place *at, mni_node *out);
-/* What mni_block_split will read, asked for ahead of time; the bytes may be gone meanwhile. */
-static inline void mni_block_fetch(const mni_block *view, uint32_t node) {
-    const uint8_t *row = view->node_rows + ((uint64_t)node * view->node_bits >> 3);
+void mni_block_children(const mni_block *view, mni_node *node);
+/* What mni_block_split will read, or mni_block_exit, asked for ahead of time; the bytes may be gone
+ * meanwhile. */
+static inline void mni_block_fetch(const mni_block *view, uint32_t index, bool exit) {
+    const uint8_t *row = (exit ? view->exit_rows : view->node_rows) +
+                         ((uint64_t)index * (exit ? view->exit_bits : view->node_bits) >> 3);
     __builtin_prefetch(row);
     __builtin_prefetch(row + 64);
 }

@@ -225,7 +225,8 @@ void mni_front_fetch_record(const mni_front *f, uint32_t slot) {
     const mni_entry own = mni_front_entry(f, f->node[slot].parent, slot);
     const mni_front_view *view = &f->view[own % MNI_FRONT_VIEWS];
     if (view->entry == own)
-        mni_block_fetch(&view->block, f->face[slot].index);
+        mni_block_fetch(&view->block, f->face[slot].index,
+                        (f->node[slot].flags & MNI_NODE_EXIT) != 0);
     __builtin_prefetch(&f->position[3 * (size_t)slot]);
 }
 
@@ -561,7 +562,8 @@ mni_outcome mni_front_split(mni_front *f, uint32_t slot, uint32_t *branch) {
     }
     if (outcome != MNI_DONE)
         return outcome;
-    mni_store_add(f->store, home); /* for the second child */
+    mni_store_add(f->store, home);      /* for the second child */
+    mni_block_children(block, &record); /* has been on its way since the split */
     *branch = part(f, &plan, home, &record);
     return MNI_DONE;
 }

@@ -104,6 +104,7 @@ static void child_take(walk *w, mni_child *child, const mni_place *at, uint32_t 
 static void node_rate(walk *w, const inner *from) {
     mni_node node;
     mni_block_split(w->block, from->node, &from->at, &node);
+    mni_block_children(w->block, &node);
     if (node.overflow_ref != MN_NONE) {
         mni_block_facts(w->block, from->node, &node.facts);
         raise_to(w, node.overflow_ref, urgency_of(w, &node.facts, from->at.position), NULL);
