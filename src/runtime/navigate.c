@@ -182,6 +182,10 @@ static uint32_t next_forks(mni_navigator *nav, uint32_t *fork, uint32_t room) {
         __builtin_prefetch(&nav->front.branch[item.what]);
         fork[count] = item.what;
     }
+    uint32_t left = TOGETHER;
+    const mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &left);
+    for (uint32_t i = 0; i < left; i++)
+        __builtin_prefetch(&nav->front.branch[next[i].what]);
     return count;
 }
 
