@@ -26,3 +26,7 @@ bytes() { # 16M and the like
     *) echo "$1" ;;
     esac
 }
+
+counted() { # number noun: 1 run, 2 runs
+    [[ $1 -eq 1 ]] && echo "1 $2" || echo "$1 $2s"
+}

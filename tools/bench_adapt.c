@@ -18,7 +18,9 @@
 #include "bench.h"
 #include "cli.h"
 #include "json.h"
+#include "metanode/format.h"
 #include "metanode/runtime.h"
+#include "session_options.h"
 
 enum {
     LAPS_MIN = 3,
@@ -191,7 +193,7 @@ static void add(flight *sum, const flight *f) {
 }
 
 static void print_head(const char *file, const mn_header *header) {
-    printf("%s: %" PRIu64 " triangles\n", file, header->triangles);
+    printf("%s: %" PRIu64 " triangle%s\n", file, header->triangles, cli_s(header->triangles));
     printf("%-8s %9s %8s %8s %8s %9s %8s %10s %8s %8s\n", "path", "tolerance", "front", "moves",
            "waits", "M tri/s", "ns/move", "slow ns/n", "node ns", "move ns");
 }
@@ -201,7 +203,8 @@ static mn_code measure(const char *file, const options *o, json *j, mn_status *s
                             .store = MN_STORE_RESIDENT,
                             .degrade_off = true,
                             .tolerance_px = o->tolerance_px,
-                            .front_max = FRONT_MAX};
+                            .front_max = FRONT_MAX,
+                            .warn = session_options_warn};
     mn_session *session = NULL;
     uint64_t most = o->frames > o->slow_frames ? o->frames : o->slow_frames;
     mn_camera *cameras = malloc(most * sizeof *cameras);
@@ -244,10 +247,22 @@ static mn_code measure(const char *file, const options *o, json *j, mn_status *s
     return code;
 }
 
+/* Before any is measured: can the path be flown over each file? */
+static mn_code path_is_there(char **files, int count, const options *o, mn_status *st) {
+    mn_header header;
+    mn_path *path = NULL;
+    for (int i = 0; i < count && o->path != NULL && st->code == MN_OK; i++)
+        if (mn_header_read(files[i], &header, st) == MN_OK &&
+            mn_path_open(o->path, &header, 45, &path, st) == MN_OK)
+            mn_path_close(path);
+    return st->code;
+}
+
 static int report(char **files, int count, const options *o) {
     json j;
     mn_status st = {0};
-    if (bench_trees_are_there(files, count, &st) != MN_OK)
+    if (bench_trees_are_there(files, count, &st) != MN_OK ||
+        path_is_there(files, count, o, &st) != MN_OK)
         return cli_status(&st);
     bench_one_core();
     if (o->json) {
@@ -265,52 +280,40 @@ static int report(char **files, int count, const options *o) {
     return cli_status(&st);
 }
 
-/* false: no such value. */
-static bool take(options *o, int option, const char *value) {
-    double tolerance_px = 0;
-    switch (option) {
-    case 'p':
-        o->path = value;
-        return true;
-    case 'f':
-        return cli_u64(value, 1, FRAMES_MAX, &o->frames);
-    case 's':
-        return cli_u64(value, 1, FRAMES_MAX, &o->slow_frames);
-    case 'n':
-        return cli_u64(value, 1, FRONT_MAX, &o->front);
-    case 't':
-        if (!cli_double(value, 1e-3, 1e6, &tolerance_px))
-            return false;
-        o->tolerance_px = (float)tolerance_px;
-        return true;
-    default:
-        o->json = true;
-        return true;
-    }
+static mn_code read_options(options *o, int argc, char **argv, bool *done) {
+    const char *tolerance = NULL;
+    double tolerance_px = 1;
+    const cli_flag flags[] = {
+        CLI_TEXT("path", &o->path),
+        CLI_WHOLE("frames", &o->frames, 1, FRAMES_MAX, "in 1 … 1000000"),
+        CLI_WHOLE("slow-frames", &o->slow_frames, 1, FRAMES_MAX, "in 1 … 1000000"),
+        CLI_WHOLE("front", &o->front, 1, FRONT_MAX, "in 1 … 4194304"),
+        CLI_TEXT("tolerance", &tolerance),
+        CLI_SWITCH("json", &o->json),
+        {0},
+    };
+    const mn_code code = cli_flags(argc, argv, flags, help, done);
+    if (code != MN_OK || *done)
+        return code;
+    if (tolerance != NULL && !cli_double(tolerance, 1e-3, 1e6, &tolerance_px))
+        return (mn_code)cli_error(
+            MN_USAGE, "bench adapt: --tolerance '%s' is not in 0.001 … 1000000", tolerance);
+    if (tolerance != NULL && o->front > 0)
+        return (mn_code)cli_error(
+            MN_USAGE,
+            "bench adapt: --front finds a tolerance, and --tolerance is one: one of them");
+    if (optind >= argc)
+        return (mn_code)cli_error(MN_USAGE,
+                                  "bench adapt: which FILE.mnt? see metanode bench adapt --help");
+    o->tolerance_px = (float)tolerance_px;
+    return MN_OK;
 }
 
 int bench_adapt(int argc, char **argv) {
-    static const struct option long_options[] = {{"path", required_argument, NULL, 'p'},
-                                                 {"frames", required_argument, NULL, 'f'},
-                                                 {"slow-frames", required_argument, NULL, 's'},
-                                                 {"front", required_argument, NULL, 'n'},
-                                                 {"tolerance", required_argument, NULL, 't'},
-                                                 {"json", no_argument, NULL, 'j'},
-                                                 {"help", no_argument, NULL, 'h'},
-                                                 {0}};
-    options o = {.frames = 24, .slow_frames = SLOW_FRAMES, .tolerance_px = 1};
-    int option;
-    while ((option = cli_option(argc, argv, "h", long_options)) != -1) {
-        if (option == 'h') {
-            fputs(help, stdout);
-            return MN_OK;
-        }
-        if (option == '?')
-            return MN_USAGE;
-        if (!take(&o, option, optarg))
-            return cli_error(MN_USAGE, "bench adapt: '%s' is out of range", optarg);
-    }
-    if (optind >= argc)
-        return cli_error(MN_USAGE, "bench adapt: which FILE.mnt? see metanode bench adapt --help");
+    options o = {.frames = 24, .slow_frames = SLOW_FRAMES};
+    bool done = false;
+    const mn_code code = read_options(&o, argc, argv, &done);
+    if (code != MN_OK || done)
+        return (int)code;
     return report(argv + optind, argc - optind, &o);
 }

@@ -107,6 +107,11 @@ static bool parse(int argc, char **argv, session_options *o, int *code) {
     session_options_init(o);
     o->frames = 300;
     while ((option = cli_option(argc, argv, SESSION_OPTIONS_SHORT "h", known)) != -1) {
+        if (option == SESSION_PATH || option == SESSION_STORE) {
+            *code = cli_error(MN_USAGE, "%s: no --%s here: orbit and dive are flown, resident",
+                              argv[0], option == SESSION_PATH ? "path" : "store");
+            return false;
+        }
         if (session_options_take(o, argv[0], option, optarg, code)) {
             if (*code != MN_OK)
                 return false;

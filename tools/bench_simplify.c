@@ -34,6 +34,7 @@ typedef struct options {
     uint64_t runs, samples, globe;
     mn_metric metric;
     bool json;
+    cli_meter *meter; /* on a terminal: how far it is */
 } options;
 
 typedef struct quality {
@@ -58,7 +59,10 @@ static uint32_t share(const mn_mesh *mesh, double percent) {
 
 static mn_code our_rate(const mn_mesh *mesh, const options *o, double *rate, mn_status *st) {
     mn_tree tree;
-    mn_simplify_desc desc = {.metric = o->metric, .stop_triangles = share(mesh, speed_percent)};
+    mn_simplify_desc desc = {.metric = o->metric,
+                             .stop_triangles = share(mesh, speed_percent),
+                             .progress = cli_progress,
+                             .progress_context = o->meter};
     double start_s = cli_seconds(CLOCK_PROCESS_CPUTIME_ID);
     mn_code code = mn_simplify(mesh, &desc, &tree, st);
     double seconds = cli_seconds(CLOCK_PROCESS_CPUTIME_ID) - start_s;
@@ -87,6 +91,7 @@ static mn_code measure_speed(const mn_mesh *mesh, const options *o, figures *f, 
     double ours[RUNS_MAX], theirs[RUNS_MAX], ratios[RUNS_MAX];
     for (uint64_t i = 0; i < o->runs; i++) {
         mn_code code = our_rate(mesh, o, &ours[i], st);
+        cli_progress(o->meter, "openmesh", i, o->runs);
         if (code == MN_OK)
             code = openmesh_rate(mesh, &theirs[i], st);
         if (code != MN_OK)
@@ -106,7 +111,7 @@ static mn_code measure_speed(const mn_mesh *mesh, const options *o, figures *f, 
 static mn_code distance(const mn_mesh *mesh, const mn_mesh *coarse, const options *o, double *mean,
                         mn_status *st) {
     mn_compare_result r;
-    mn_code code = mn_mesh_compare(mesh, coarse, o->samples, 1, NULL, &r, st);
+    mn_code code = mn_mesh_compare(mesh, coarse, o->samples, 1, CLI_WATCH(o->meter), &r, st);
     *mean = code == MN_OK ? (r.mean_ab + r.mean_ba) / 2 : 0;
     return code;
 }
@@ -136,7 +141,8 @@ static mn_code measure_level(const mn_mesh *mesh, const mn_tree *tree, double pe
 
 static mn_code measure_quality(const mn_mesh *mesh, const options *o, figures *f, mn_status *st) {
     mn_tree tree;
-    mn_simplify_desc desc = {.metric = o->metric};
+    mn_simplify_desc desc = {
+        .metric = o->metric, .progress = cli_progress, .progress_context = o->meter};
     if (o->samples == 0)
         return MN_OK;
     mn_code code = mn_simplify(mesh, &desc, &tree, st);
@@ -243,17 +249,20 @@ static void print_json(json *j, const figures *f, const options *o) {
 
 static mn_code measure(const char *path, const options *o, figures *f, mn_status *st) {
     mn_mesh mesh;
-    mn_read_desc read = {0};
+    mn_read_desc read = {.progress = cli_progress, .progress_context = o->meter};
     mn_code code = path != NULL ? mn_mesh_read(path, &read, &mesh, st)
                                 : make_globe((uint32_t)o->globe, &mesh, st);
-    if (code != MN_OK)
+    if (code != MN_OK) {
+        cli_progress_end(o->meter);
         return code;
+    }
     *f = (figures){.name = path != NULL ? path : "globe",
                    .vertices = mesh.vertices,
                    .triangles = mesh.triangles};
     code = measure_speed(&mesh, o, f, st);
     if (code == MN_OK)
         code = measure_quality(&mesh, o, f, st);
+    cli_progress_end(o->meter);
     mn_mesh_free(&mesh);
     return code;
 }
@@ -286,48 +295,39 @@ static int report(char **paths, int count, const options *o) {
     return cli_status(&st);
 }
 
+static mn_code read_options(options *o, int argc, char **argv, bool *done) {
+    static const char *const metrics[] = {"qem", "length", NULL}; /* by mn_metric */
+    const char *samples = NULL;
+    int metric = 0;
+    const cli_flag flags[] = {
+        CLI_WHOLE("globe", &o->globe, 8, 20000, "in 8 … 20000"),
+        CLI_WHOLE("runs", &o->runs, 0, RUNS_MAX, "in 0 … 99"),
+        CLI_TEXT("samples", &samples),
+        CLI_CHOICE("metric", &metric, metrics, "qem or length"),
+        CLI_SWITCH("json", &o->json),
+        {0},
+    };
+    const mn_code code = cli_flags(argc, argv, flags, help, done);
+    if (code != MN_OK || *done)
+        return code;
+    o->metric = (mn_metric)metric;
+    if (samples != NULL && strcmp(samples, "0") == 0)
+        o->samples = 0;
+    else if (samples != NULL && !cli_size(samples, &o->samples))
+        return (mn_code)cli_error(
+            MN_USAGE, "bench simplify: --samples '%s' is not a number like 1M", samples);
+    if (optind >= argc && o->globe == 0)
+        return (mn_code)cli_error(MN_USAGE, "bench simplify: which mesh? give a file or --globe N");
+    return MN_OK;
+}
+
 int bench_simplify(int argc, char **argv) {
-    enum { GLOBE = 256, RUNS, SAMPLES, METRIC, JSON };
-    static const struct option long_options[] = {{"globe", required_argument, NULL, GLOBE},
-                                                 {"runs", required_argument, NULL, RUNS},
-                                                 {"samples", required_argument, NULL, SAMPLES},
-                                                 {"metric", required_argument, NULL, METRIC},
-                                                 {"json", no_argument, NULL, JSON},
-                                                 {"help", no_argument, NULL, 'h'},
-                                                 {0}};
-    static const char *const metrics[] = {"qem", "length", NULL};
     options o = {.runs = 5, .samples = 1 << 20};
-    bool ok = true;
-    int option;
-    while (ok && (option = cli_option(argc, argv, "h", long_options)) != -1) {
-        switch (option) {
-        case GLOBE:
-            ok = cli_u64(optarg, 8, 20000, &o.globe);
-            break;
-        case RUNS:
-            ok = cli_u64(optarg, 0, RUNS_MAX, &o.runs);
-            break;
-        case SAMPLES:
-            ok = strcmp(optarg, "0") == 0 || cli_size(optarg, &o.samples);
-            o.samples = strcmp(optarg, "0") == 0 ? 0 : o.samples;
-            break;
-        case METRIC:
-            ok = cli_choice(optarg, metrics) >= 0;
-            o.metric = ok ? (mn_metric)cli_choice(optarg, metrics) : o.metric;
-            break;
-        case JSON:
-            o.json = true;
-            break;
-        case 'h':
-            fputs(help, stdout);
-            return MN_OK;
-        default:
-            return MN_USAGE;
-        }
-    }
-    if (!ok)
-        return cli_error(MN_USAGE, "bench simplify: '%s' is out of range", optarg);
-    if (optind >= argc && o.globe == 0)
-        return cli_error(MN_USAGE, "bench simplify: which mesh? give a file or --globe N");
+    cli_meter meter = {0};
+    bool done = false;
+    const mn_code code = read_options(&o, argc, argv, &done);
+    if (code != MN_OK || done)
+        return (int)code;
+    o.meter = &meter;
     return report(argv + optind, argc - optind, &o);
 }

@@ -44,7 +44,7 @@ const char session_options_help[] =
     "  --trace F         everything that happens, for metanode trace\n";
 const char session_options_json_help[] = "  --json            figures as one JSON object\n";
 
-static void warn(void *context, const char *text) {
+void session_options_warn(void *context, const char *text) {
     (void)context;
     fprintf(stderr, "metanode: warning: %s\n", text);
 }
@@ -54,7 +54,7 @@ void session_options_init(session_options *o) {
     o->desc.fps = 60;
     o->desc.width_px = 1280;
     o->desc.height_px = 720;
-    o->desc.warn = warn;
+    o->desc.warn = session_options_warn;
 }
 
 static bool take_size(session_options *o, const char *value) {

@@ -87,6 +87,9 @@ enum { SESSION_TIGHTER = 2 }; /* on silhouettes and for the light, when nothing 
 extern const char session_options_help[], session_options_json_help[];
 
 void session_options_init(session_options *o);
+/* What a session warns of, on standard error; for mn_session_desc.warn, which init has set to it.
+ */
+void session_options_warn(void *context, const char *text);
 /* Is the option one of these? Then *code is MN_OK, or MN_USAGE when its value is no good, which has
  * been reported. */
 bool session_options_take(session_options *o, const char *command, int option, const char *value,

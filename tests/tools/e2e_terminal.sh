@@ -47,6 +47,15 @@ part phases extract checking settling extracting -- extract ball.mnt --error 0.0
 part phases compare read measuring -- compare ball.ply coarse.ply --samples 300000
 part phases "bench error" read simplify measuring -- bench error ball.ply --fronts 1 --samples 100000
 part phases replay frames -- replay ball.mnt --path orbit --frames 30
+if [[ -x $build/tools/metanode-openmesh ]]; then
+    script -qec "$metanode bench simplify --globe 100 --runs 1 --samples 20000" /dev/null >"$out" 2>"$err" </dev/null
+    shown=$(tr '\r' '\n' <"$out" | sed -nE 's/^([a-z]+) +[0-9]+ %.* MB.*/\1/p' | uniq | paste -sd' ')
+    check "bench simplify: phases $shown" test "$shown" = "simplify openmesh simplify measuring"
+    expect 0 "bench simplify, in a pipe" bench simplify --globe 20 --runs 1 --samples 200
+    check "bench simplify: silence in a pipe" test ! -s "$err"
+else
+    skip "bench simplify: no OpenMesh"
+fi
 script -qec "$metanode build missing.ply -o x.mnt" /dev/null >"$out" 2>"$err" </dev/null || true
 check "an error has a line of its own" grep -qE '^metanode: missing.ply' "$out"
 finish

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Goal: no page sends its reader nowhere: links, their anchors, sections by number, files of the sources;
-# and scripts that take minutes say what they do.
+# and scripts that take minutes say what they do,
+# and which word they do not know, before they begin.
 # Method: every relative link in every page; every "design.md §N" in the sources against docs/contract.md;
-# each script's --help.
+# each script's --help, and each with a model that is not there.
 # test_docs.sh ROOT
 set -uo pipefail
 cd "$1" || exit 1
@@ -42,5 +43,11 @@ done < <(grep -rhoE 'design\.md,? §[0-9.]+( (and|to)?,? ?§[0-9.]+)*' README.md
 # The scripts of bench/ take minutes and build what they need: --help does nothing of that.
 for script in bench/build bench/cgroup bench/navigator bench/paper bench/paper-tables bench/quality bench/soak; do
     METANODE=/nowhere "$script" --help 2>&1 </dev/null | grep -qF "$script" || fail "$script --help"
+done
+# Nor does a model that there is none of.
+for script in bench/build bench/cgroup bench/navigator bench/paper bench/quality bench/soak; do
+    line=$(METANODE=/nowhere "$script" nosuch.mesh 2>&1 </dev/null)
+    code=$?
+    [[ $code -eq 2 && $(wc -l <<<"$line") -eq 1 && $line == *"$script"* ]] || fail "$script nosuch.mesh: $code: $line"
 done
 exit $((failures > 0))

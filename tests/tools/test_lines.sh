@@ -190,6 +190,29 @@ for bench in adapt draw error; do
     [ ! -s out.txt ] || fail "bench $bench has begun: $(head -n 2 out.txt)"
 done
 
+# --- benches: an option's value is blamed on the option, before anything is printed; damage is told
+for wrong in "adapt --frames 0" "adapt --slow-frames x" "adapt --front 0" "adapt --tolerance 0" \
+    "simplify --globe 7" "simplify --runs 100" "simplify --samples x" "simplify --metric x"; do
+    # shellcheck disable=SC2086 # a bench and its words
+    expect 2 bench $wrong a.mnt
+    given=${wrong#* }
+    says "^metanode: bench ${wrong%% *}: ${given% *} '${given#* }' is not "
+    [ ! -s out.txt ] || fail "bench $wrong has begun: $(head -n 2 out.txt)"
+done
+expect 2 bench adapt a.mnt --front 100 --tolerance 2
+says 'bench adapt: --front .*--tolerance .*one of them'
+expect 2 bench adapt a.mnt --path nosuch
+says 'nosuch'
+[ ! -s out.txt ] || fail "bench adapt has begun: $(head -n 2 out.txt)"
+for option in "--path orbit" "--store paged"; do
+    # shellcheck disable=SC2086 # an option and its value
+    expect 2 bench draw a.mnt $option
+    says "bench draw: no ${option% *} here: orbit and dive are flown, resident"
+done
+"$metanode" bench adapt bad.mnt --path orbit --frames 2 --slow-frames 2 --tolerance 8 >out.txt 2>err.txt ||
+    fail "bench adapt of a damaged file: $(cat err.txt)"
+says 'warning: bad.mnt: block [0-9]*: '
+
 # --- a disk that is full when all has been opened, and directories that take no files
 expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
 for output in "replay a.mnt --path orbit --frames 400 --fps 0 --store resident --csv" \
