@@ -584,6 +584,8 @@ static void simplex_kill(mni_front *f, uint32_t c, uint32_t third) {
     if (slot != MN_NONE) {
         mni_corners_remove(f, slot, third);
         f->triangles--;
+        if (f->thirds++ < MNI_FRONT_THIRDS)
+            f->third[f->thirds - 1] = slot;
     }
     simplex_free(f, c / 4);
 }
@@ -629,6 +631,7 @@ static bool children_are_active(const mni_front_branch *b) {
 static void join(mni_front *f, uint32_t branch) {
     const mni_front_branch *b = &f->branch[branch];
     MN_ASSERT(mni_front_is_fork(f, branch) && b->child[0] == b->slot);
+    f->thirds = 0;
     uint32_t slot = b->slot, right = b->child[1], killed = corners_join(f, slot, right);
     MN_ASSERT(killed == b->killed);
     f->ring_slot = MN_NONE;

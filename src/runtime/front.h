@@ -20,6 +20,7 @@ enum {
     MNI_FRONT_NODES_MAX = 1 << 27,     /* × 16 words are 31 bits */
     MNI_FRONT_SIMPLICES_MAX = 1 << 29, /* × 4 likewise */
     MNI_FRONT_VIEWS = 64,              /* opened blocks at hand; a power of two */
+    MNI_FRONT_THIRDS = 8,    /* corners kept of those that a collapse kills: most kill two */
     MNI_FRONT_NEAR_MAX = 64, /* corners looked through for a third corner before descending */
 };
 
@@ -115,10 +116,9 @@ typedef struct mni_front_branch {
     uint32_t slot;        /* that it had, and its leftmost descendant has; MN_NONE: free */
     uint32_t exit : 1;    /* MNI_NODE_EXIT */
     uint32_t killed : 31; /* simplices that its split brought */
-    uint32_t wait_next, wait_before; /* Navigate's: what it waits for (waiting.h) */
-    uint32_t leaf_lo;                /* its first leaf: where it is, in the order of the tree */
-    uint32_t kept;                   /* Navigate's: last frame in which it stays unwanted */
-    uint32_t unused;
+    uint32_t wait_next, wait_before, wait_below; /* Navigate's: what it waits for (waiting.h) */
+    uint32_t leaf_lo; /* its first leaf: where it is, in the order of the tree */
+    uint32_t kept;    /* Navigate's: last frame in which it stays unwanted */
 } mni_front_branch;
 _Static_assert(sizeof(mni_front_branch) == 64, "one line of the cache");
 
@@ -178,6 +178,9 @@ typedef struct mni_front {
     uint32_t simplices_used;
     uint32_t active, triangles;
     uint32_t chunks_used;
+    /* slots of the third corners of what the last collapse killed: those may have lost a neighbour
+     */
+    uint32_t third[MNI_FRONT_THIRDS], thirds;
     uint64_t version;            /* rises with every split and collapse that stays */
     uint64_t descents;           /* third corners not found among the neighbours looked through */
     uint64_t bad;                /* splits that met a bad block */

@@ -164,13 +164,30 @@ static inline void fetch_children(const mni_front *front, uint32_t fork) {
     mni_front_fetch_node(front, front->branch[fork].child[1]);
 }
 
-/* The node in a slot has gone. Those that waited for it have higher order ids than its parent, so
- * their turn is still to come, and verdicts that stand; their nodes are asked for. */
-static void wake(mni_navigator *nav, uint32_t slot) {
-    for (uint32_t fork = mni_waiting_wake(&nav->waiting, slot); fork != MN_NONE;
-         fork = mni_waiting_next(&nav->waiting, fork)) {
-        fetch_children(&nav->front, fork);
-        mni_agenda_push(&nav->agenda, (mni_agenda_item){0, fork_key(nav, fork), fork});
+static void test_again(mni_navigator *nav, uint32_t fork) {
+    fetch_children(&nav->front, fork);
+    mni_agenda_push(&nav->agenda, (mni_agenda_item){0, fork_key(nav, fork), fork});
+}
+
+/* Two nodes have become one, in the first's slot. Those that waited for one of them have higher
+ * order ids, so their turn is still to come, and verdicts that stand; their nodes are asked for.
+ * Neighbours of the two are the one's, and who is blocked by it waits for it, unseen: thousands
+ * may, at a hub. Third corners of what died need not be its neighbours, in a lying file: whatever
+ * they waited for, they look again. */
+static void wake(mni_navigator *nav, uint32_t slot, uint32_t other) {
+    const mni_front *front = &nav->front;
+    const bool all = front->thirds > MNI_FRONT_THIRDS;
+    const uint32_t free = all ? MN_NONE : front->node[slot].above;
+    uint32_t fork;
+    mni_waiting_pass(&nav->waiting, other, slot);
+    while ((fork = mni_waiting_wake(&nav->waiting, slot, free)) != MN_NONE)
+        test_again(nav, fork);
+    for (uint32_t i = 0; i < front->thirds && !all; i++) {
+        fork = front->node[front->third[i]].parent;
+        if (fork == MNI_FRONT_NO_PARENT || !mni_waiting_has(&nav->waiting, fork))
+            continue;
+        mni_waiting_drop(&nav->waiting, fork);
+        test_again(nav, fork);
     }
 }
 
@@ -198,6 +215,7 @@ static uint32_t test_forks(mni_navigator *nav, uint32_t *fork, uint32_t count) {
     mni_front *front = &nav->front;
     uint32_t blocker[TOGETHER], kept = 0;
     mni_rings rings[TOGETHER];
+    nav->work.tested += count;
     for (uint32_t i = 0; i < count; i++)
         fetch_children(front, fork[i]);
     for (uint32_t i = 0; i < count; i++)
@@ -245,8 +263,7 @@ static void collapse(mni_navigator *nav, uint32_t fork) {
     mni_barred_drop(&nav->barred, right);
     nav->slot_due[left] = LOOK;
     nav->slot_due[right] = NEVER;
-    wake(nav, left);
-    wake(nav, right);
+    wake(nav, left, right);
     consider_fork(nav, parent);
 }
 
@@ -475,12 +492,12 @@ static inline uint32_t first_slot(const mni_front *front, uint32_t child) {
 static bool keep_split(mni_navigator *nav, uint32_t branch) {
     const mni_front *front = &nav->front;
     const mni_front_branch *b = &front->branch[branch];
+    uint32_t fork;
     mni_barred_drop(&nav->barred, b->slot);
     float due = nav->slot_due[b->slot];
     MNI_TRACE_OFTEN(MN_TRACE_SPLIT, mni_store_block_id(front->store, b->home));
     mni_front_release(&nav->front, branch);
-    for (uint32_t fork = mni_waiting_wake(&nav->waiting, b->slot); fork != MN_NONE;
-         fork = mni_waiting_next(&nav->waiting, fork))
+    while ((fork = mni_waiting_wake(&nav->waiting, b->slot, MN_NONE)) != MN_NONE)
         nav->fork_due[fork] = LOOK;
     if (b->parent != MNI_FRONT_NO_PARENT)
         mni_waiting_drop(&nav->waiting, b->parent);

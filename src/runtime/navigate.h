@@ -33,6 +33,7 @@ enum {
 /* What a frame did and could not do (terms in design.md §1). */
 typedef struct mni_work {
     uint64_t splits, collapses, misses;
+    uint64_t tested; /* forks that are not wanted: does a neighbour block them? */
     uint64_t undone; /* splits of chains that could not be carried out, besides */
     uint64_t triangles_made, triangles_removed;
     uint64_t refused_front, refused_budget, refused_pool, waits_dependency;

@@ -17,13 +17,12 @@ void mni_waiting_open(mni_waiting *waiting, mni_front *front);
 void mni_waiting_add(mni_waiting *waiting, uint32_t fork, uint32_t slot);
 /* It waits no longer, if it did. */
 void mni_waiting_drop(mni_waiting *waiting, uint32_t fork);
-/* All that wait for a slot's node wait no longer: the first, or MN_NONE; the others by `next`,
- * until one of them waits again. */
-uint32_t mni_waiting_wake(mni_waiting *waiting, uint32_t slot);
-static inline uint32_t mni_waiting_next(const mni_waiting *waiting, uint32_t fork) {
-    return waiting->front->branch[fork].wait_next - 1;
-}
-/* The first who waits for a slot's node to go, asked for ahead of time. */
+/* Who waits for the node of one slot waits for that of another. */
+void mni_waiting_pass(mni_waiting *waiting, uint32_t from, uint32_t to);
+/* Of those that wait for a slot's node the one of the least order id, if that is no more than
+ * `order`, waits no longer: that fork, or MN_NONE. */
+uint32_t mni_waiting_wake(mni_waiting *waiting, uint32_t slot, uint32_t order);
+/* The first of those that wait for a slot's node to go, asked for ahead of time. */
 static inline void mni_waiting_fetch(const mni_waiting *w, uint32_t slot) {
     const uint32_t first = w->front->node[slot].waits;
     __builtin_prefetch(&w->front->branch[first - (first != 0)]);
