@@ -184,10 +184,13 @@ static bool write_triangles(mni_extintake *x) {
     return x->st->code == MN_OK && mni_ext_spill_good(x, &x->result.triangle);
 }
 
-bool mni_ext_faces_finish(mni_extintake *x) {
+bool mni_ext_faces_judged(mni_extintake *x) {
     count_used(x);
-    if (!mni_intake_any_left(&x->counts, x->vertices, x->result.vertices, x->name, x->st))
-        return false; /* no vertex is used, so no triangle is left */
+    /* no vertex is used, so no triangle is left */
+    return mni_intake_any_left(&x->counts, x->vertices, x->result.vertices, x->name, x->st);
+}
+
+bool mni_ext_faces_finish(mni_extintake *x) {
     bool ok =
         mni_spill_open_kept(&x->result.triangle, x->desc.temp_dir, x->desc.keep, x->st) == MN_OK &&
         mni_sort_finish(x->triangle_sort, x->st) == MN_OK && mni_ext_edges_open(x) &&

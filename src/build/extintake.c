@@ -131,6 +131,7 @@ mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_de
 void mni_extintake_close(mni_extintake *x) {
     if (x == NULL)
         return;
+    mni_ext_vertices_stop(x);
     mni_spill *spills[] = {&x->pushed, &x->sequence, &x->placed};
     for (size_t i = 0; i < sizeof spills / sizeof spills[0]; i++)
         mni_spill_close(spills[i]);
@@ -282,7 +283,8 @@ static bool end_pushing(mni_extintake *x) {
 
 bool mni_extintake_finish(mni_extintake *x, mni_extmesh *out) {
     if (!end_pushing(x) || !mni_ext_place_vertices(x) || !mni_ext_place_triangles(x) ||
-        !mni_ext_faces_finish(x) || !mni_ext_write_vertices(x))
+        !mni_ext_faces_judged(x) || !mni_ext_vertices_begin(x) || !mni_ext_faces_finish(x) ||
+        !mni_ext_vertices_finish(x))
         return false;
     MN_ASSERT(x->counts.input_faces == x->result.triangles + x->counts.duplicate_faces +
                                            x->counts.degenerate_faces + x->counts.nonfinite_faces);

@@ -27,13 +27,17 @@
  *   ¹ of all vertices, or of a bucket's
  *
  * Every bool: false means that the status has been filled. One thread, and with two allowed another
- * that counts edges while triangles are handed out (extfaces.c). */
+ * that counts edges while triangles are handed out (extfaces.c), and one that writes vertices
+ * meanwhile (extvertices.c). */
 #ifndef MNI_EXTINTAKE_H
 #define MNI_EXTINTAKE_H
+
+#include <stdatomic.h>
 
 #include "extmesh.h"
 #include "extsort.h"
 #include "mem.h"
+#include "relay.h"
 #include "varint.h"
 #include "watch.h"
 
@@ -125,6 +129,20 @@ typedef struct mni_ext_bucket {
     unsigned char *buffer;
 } mni_ext_bucket;
 
+/* Vertices on their way to what is kept: the writing thread's, from begin to finish. */
+typedef struct mni_ext_writing {
+    /* const while it writes */
+    mni_ext_frame frame;
+    bool moved, sorts;
+    bool beside, open;        /* in a thread of its own, which is there */
+    mni_sort *before, *after; /* numbers of positions, as they came and as they are kept; or NULL */
+    /* its own */
+    uint64_t runs; /* of equal positions, one after the other */
+    mni_relay relay;
+    uint64_t batch[MNI_RELAY_BATCHES]; /* the relay's: one record says that all may be written */
+    atomic_bool stop;                  /* the caller's: it is not wanted any more */
+} mni_ext_writing;
+
 struct mni_extintake {
     /* const after open */
     mni_extmesh_desc desc;
@@ -163,6 +181,8 @@ struct mni_extintake {
     uint64_t judged;       /* so far */
     mni_sort *triangle_sort;
     mni_ext_edges *edges;
+
+    mni_ext_writing writing;
 
     mn_intake counts;
     mni_extmesh result;
@@ -238,6 +258,8 @@ bool mni_ext_place_triangles(mni_extintake *x);
 bool mni_ext_faces_open(mni_extintake *x);
 /* A triangle of places, or with MN_NONE; number: in the input. In any order. */
 bool mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number);
+/* All have been judged: which places are used is known, and told by mni_ext_is_used. */
+bool mni_ext_faces_judged(mni_extintake *x);
 /* Twins go, the rest is written. */
 bool mni_ext_faces_finish(mni_extintake *x);
 static inline bool mni_ext_is_used(const mni_extintake *x, uint64_t place) {
@@ -261,7 +283,11 @@ mni_ext_frame mni_ext_frame_of(const mni_extintake *x, const double low[3], cons
 static inline float mni_ext_from_origin(const mni_ext_frame *f, double p, int axis) {
     return (float)(p - f->origin[axis]) + 0.0f;
 }
-/* The places that triangles use. */
-bool mni_ext_write_vertices(mni_extintake *x);
+/* The places that triangles use, once it is known which these are: begins, perhaps beside what
+ * the caller goes on with; is done when finish returns. stop: of one that is not to be finished;
+ * harmless on one that has not begun. */
+bool mni_ext_vertices_begin(mni_extintake *x);
+bool mni_ext_vertices_finish(mni_extintake *x);
+void mni_ext_vertices_stop(mni_extintake *x);
 
 #endif

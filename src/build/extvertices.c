@@ -7,8 +7,11 @@
  * Hides: how positions that fall together are found. Where the grid is the one that the vertices'
  * curve follows they come one after the other. Otherwise (vertices that are not used make the box
  * larger, steps are too fine for the curve) each becomes a number, of its steps along the three
- * axes where 64 bits hold them, or a hash of it; equal ones meet in a sort. One thread.
- * (design.md §3.1) */
+ * axes where 64 bits hold them, or a hash of it; equal ones meet in a sort.
+ *
+ * Where nothing is to be sorted, and two threads are allowed, all is written by one of its own,
+ * beside the merging of triangles: it reads the places and which of them are used, and changes
+ * nothing but what stands in mni_ext_writing and the spill of vertices. (design.md §3.1) */
 #include "extintake.h"
 
 #include <math.h>
@@ -17,10 +20,11 @@
 #include <xxhash.h>
 
 #include "grid.h"
+#include "mn_assert.h"
 #include "reader.h"
 #include "unit.h"
 
-enum { AXIS_BITS = 21 };
+enum { AXIS_BITS = 21, LOOK_EVERY = 65536 };
 /* Sizes between which floats hold whatever is made of a model: switch values of 2^-40 of it, radii
  * that were rounded up at each of hundreds of levels. Nuclei and galaxies are, in metres. */
 #define MODEL_SIZE_MIN 0x1p-84f
@@ -35,10 +39,10 @@ typedef struct used_reader {
     uint64_t next; /* place */
 } used_reader;
 
-static void read_used(mni_extintake *x, used_reader *r, bool discard) {
+static void read_used(mni_extintake *x, used_reader *r, unsigned char *buffer, size_t bytes,
+                      bool discard) {
     *r = (used_reader){0};
-    mni_spill_reader_open(&r->bytes, &x->placed, 0, x->placed.size_bytes, x->buffer[0],
-                          x->buffer_bytes, discard);
+    mni_spill_reader_open(&r->bytes, &x->placed, 0, x->placed.size_bytes, buffer, bytes, discard);
 }
 
 /* false: no more. */
@@ -66,7 +70,7 @@ static bool find_box(mni_extintake *x, double low[3], double high[3], bool *exac
         low[i] = INFINITY;
         high[i] = -INFINITY;
     }
-    for (read_used(x, &r, false); next_used(x, &r);)
+    for (read_used(x, &r, x->buffer[0], x->buffer_bytes, false); next_used(x, &r);)
         for (int i = 0; i < 3; i++) {
             const double p = r.is.position[i];
             low[i] = p < low[i] ? p : low[i];
@@ -155,58 +159,107 @@ static bool count_different(mni_extintake *x, mni_sort *sort, uint64_t *count) {
 
 /* ---- vertices -------------------------------------------------------------------------------- */
 
-/* before, after: numbers of positions as they came and as they are kept, or NULL. *runs: of equal
- * ones, one after the other. */
-static bool write_all(mni_extintake *x, const mni_ext_frame *f, mni_sort *before, mni_sort *after,
-                      uint64_t *runs) {
+/* Both numbers of a position, as it came and as it is kept, go to sorts where there are any. */
+static void put_numbers(const mni_extintake *x, const mni_ext_writing *g, const double came[3],
+                        const float kept[3]) {
+    if (g->after != NULL)
+        mni_sort_put(g->after, &(uint64_t){number_of(x, &g->frame, kept)});
+    if (g->before != NULL)
+        mni_sort_put(g->before, &(uint64_t){XXH3_64bits(came, 3 * sizeof *came)});
+}
+
+/* In either thread; the half of a buffer that nobody else has is for reading, the other for
+ * writing. Failures stay in the spills. */
+static void write_all(void *context, void *records, uint32_t count) {
+    mni_extintake *x = context;
+    mni_ext_writing *g = &x->writing;
+    const size_t half = x->buffer_bytes / 2;
     used_reader r;
     mni_spill_writer w;
     mni_extvertex last = {0};
-    uint64_t done = 0;
-    *runs = 0;
-    read_used(x, &r, true);
-    mni_spill_writer_open(&w, &x->result.vertex, x->buffer[1], x->buffer_bytes);
-    while (next_used(x, &r)) {
+    (void)records;
+    MN_ASSERT(count == 1);
+    read_used(x, &r, x->buffer[2], half, true);
+    mni_spill_writer_open(&w, &x->result.vertex, x->buffer[2] + half, half);
+    for (uint64_t done = 0; next_used(x, &r); done++) {
         const double *p = r.is.position;
         mni_extvertex v = {.rgba = r.is.rgba};
         for (int i = 0; i < 3; i++) {
-            v.position[i] = mni_ext_from_origin(f, p[i], i);
+            v.position[i] = mni_ext_from_origin(&g->frame, p[i], i);
             if (x->desc.position_bits > 0)
                 v.position[i] = mni_grid_round(v.position[i], x->result.grid_step);
         }
-        if (after != NULL)
-            mni_sort_put(after, &(uint64_t){number_of(x, f, v.position)});
-        if (before != NULL)
-            mni_sort_put(before, &(uint64_t){XXH3_64bits(p, 3 * sizeof *p)});
+        put_numbers(x, g, p, v.position);
         for (int i = 0; i < 3; i++)
             v.position[i] = mni_unit_length(v.position[i], -x->result.unit);
-        *runs += done == 0 || memcmp(v.position, last.position, sizeof v.position) != 0;
+        g->runs += done == 0 || memcmp(v.position, last.position, sizeof v.position) != 0;
         last = v;
         mni_spill_put(&w, &v, sizeof v);
-        if (mni_watch_each(&x->desc.watch, "grid", done++, x->result.vertices, x->st) != MN_OK)
-            return false;
+        if (done % LOOK_EVERY != 0)
+            continue;
+        if (atomic_load_explicit(&g->stop, memory_order_relaxed))
+            return;
+        if (!g->beside &&
+            mni_watch(&x->desc.watch, "grid", done, x->result.vertices, x->st) != MN_OK)
+            return;
     }
     mni_spill_end(&w);
-    return mni_ext_spill_good(x, &x->placed) && mni_ext_spill_good(x, &x->result.vertex);
 }
 
-bool mni_ext_write_vertices(mni_extintake *x) {
-    mni_sort *before = NULL, *after = NULL;
-    mni_ext_frame f;
-    uint64_t apart = x->result.vertices, places = 0;
+bool mni_ext_vertices_begin(mni_extintake *x) {
+    mni_ext_writing *g = &x->writing;
     bool exact;
-    if (!find_frame(x, &f, &exact))
+    if (!find_frame(x, &g->frame, &exact))
         return false;
-    const bool moved = !exact || x->desc.position_bits > 0, sorts = moved && !is_curves_grid(x, &f);
-    bool ok =
-        (!sorts || open_numbers(x, &after)) && (!moved || !x->apart || open_numbers(x, &before)) &&
-        mni_spill_open_kept(&x->result.vertex, x->desc.temp_dir, x->desc.keep, x->st) == MN_OK &&
-        write_all(x, &f, before, after, &places) &&
-        (after == NULL || count_different(x, after, &places)) &&
-        (before == NULL || count_different(x, before, &apart));
-    x->counts.merged_positions = moved && apart > places ? apart - places : 0; /* of equal hashes */
-    mni_ext_sort_close(x, &before);
-    mni_ext_sort_close(x, &after);
+    g->moved = !exact || x->desc.position_bits > 0;
+    g->sorts = g->moved && (x->apart || !is_curves_grid(x, &g->frame));
+    g->beside = x->desc.threads > 1 && !g->sorts;
+    if (mni_spill_open_kept(&x->result.vertex, x->desc.temp_dir, x->desc.keep, x->st) != MN_OK)
+        return false;
+    if (!g->beside)
+        return true;
+    mni_relay_open(&g->relay, write_all, x, sizeof *g->batch, g->batch, sizeof g->batch,
+                   x->desc.threads);
+    g->open = true;
+    mni_relay_put(&g->relay, g->batch);
+    return true;
+}
+
+void mni_ext_vertices_stop(mni_extintake *x) {
+    if (!x->writing.open)
+        return;
+    atomic_store_explicit(&x->writing.stop, true, memory_order_relaxed);
+    mni_relay_close(&x->writing.relay);
+    x->writing.open = false;
+}
+
+static bool write_here(mni_extintake *x, uint64_t *places, uint64_t *apart) {
+    mni_ext_writing *g = &x->writing;
+    const bool after = g->sorts && !is_curves_grid(x, &g->frame), before = g->sorts && x->apart;
+    bool ok = (!after || open_numbers(x, &g->after)) && (!before || open_numbers(x, &g->before));
+    if (ok)
+        write_all(x, NULL, 1);
+    ok = ok && x->st->code == MN_OK && (!after || count_different(x, g->after, places)) &&
+         (!before || count_different(x, g->before, apart));
+    mni_ext_sort_close(x, &g->before);
+    mni_ext_sort_close(x, &g->after);
+    return ok;
+}
+
+bool mni_ext_vertices_finish(mni_extintake *x) {
+    mni_ext_writing *g = &x->writing;
+    uint64_t apart = x->result.vertices, places = 0;
+    bool ok = true;
+    if (g->open)
+        mni_relay_close(&g->relay);
+    else
+        ok = write_here(x, &places, &apart);
+    g->open = false;
+    if (places == 0)
+        places = g->runs;
+    ok = ok && mni_ext_spill_good(x, &x->placed) && mni_ext_spill_good(x, &x->result.vertex);
+    x->counts.merged_positions =
+        g->moved && apart > places ? apart - places : 0; /* of equal hashes */
     mni_ext_spill_close(x, &x->placed);
     return ok;
 }
