@@ -9,7 +9,8 @@
  * Which places are used is a bit each; with how many are before each eighth word of bits, that
  * renumbers them.
  *
- * Edges are counted in a thread of their own, beside the merging of what was sorted.
+ * Triangles are judged and sorted in a thread of their own, beside the looking up of places, and
+ * edges are counted in one, beside the merging of what was sorted.
  *
  * Secret: the packing, the bits. (design.md §3.1, §3.3) */
 #include "extintake.h"
@@ -57,6 +58,13 @@ static const unsigned char *unpack_sorted(const void *context, const unsigned ch
     return from;
 }
 
+/* A triangle on its way to be judged. */
+typedef struct placed {
+    uint32_t place[3], number;
+} placed;
+
+static void judge_all(void *context, void *records, uint32_t count);
+
 bool mni_ext_faces_open(mni_extintake *x) {
     static const mni_sort_packing packing = {PACKED_MAX, pack_sorted, unpack_sorted, NULL};
     const uint64_t words = x->places / 64 + 1, ranks = words / MNI_EXT_RANK_WORDS + 1;
@@ -78,10 +86,15 @@ bool mni_ext_faces_open(mni_extintake *x) {
                                 .budget_bytes = x->desc.work_bytes - others,
                                 .after_bytes = mni_ext_share(x, MNI_EXT_AFTER_SHARE),
                                 .packing = &packing};
-    return mni_ext_sort_open(x, &x->triangle_sort, &desc);
+    if (!mni_ext_sort_open(x, &x->triangle_sort, &desc))
+        return false;
+    mni_relay_open(&x->judge, judge_all, x, sizeof(placed), x->buffer[2], x->buffer_bytes,
+                   x->desc.threads);
+    x->judging = true;
+    return true;
 }
 
-/* ---- one by one ------------------------------------------------------------------------------ */
+/* ---- one by one, in either thread ----------------------------------------------------------- */
 
 static packed pack(const uint32_t place[3], uint32_t number) {
     uint32_t first = place[0] < place[1] ? 0 : 1;
@@ -100,7 +113,7 @@ static mni_exttriangle unpack(const packed *p) {
     return (mni_exttriangle){{smallest, turned ? largest : middle, turned ? middle : largest}};
 }
 
-bool mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number) {
+static void judge(mni_extintake *x, const uint32_t place[3], uint32_t number) {
     if (place[0] == MN_NONE || place[1] == MN_NONE || place[2] == MN_NONE) {
         x->counts.nonfinite_faces++;
     } else if (place[0] == place[1] || place[1] == place[2] || place[2] == place[0]) {
@@ -111,7 +124,23 @@ bool mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number) {
             x->used[place[i] / 64] |= UINT64_C(1) << place[i] % 64;
         mni_sort_put(x->triangle_sort, &p);
     }
+}
+
+static void judge_all(void *context, void *records, uint32_t count) {
+    const placed *t = records;
+    for (uint32_t i = 0; i < count; i++)
+        judge(context, t[i].place, t[i].number);
+}
+
+bool mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number) {
+    mni_relay_put(&x->judge, &(placed){{place[0], place[1], place[2]}, number});
     return mni_ext_tell_triangles(x, x->judged++);
+}
+
+void mni_ext_judge_end(mni_extintake *x) {
+    if (x->judging)
+        mni_relay_close(&x->judge);
+    x->judging = false;
 }
 
 /* ---- places in use --------------------------------------------------------------------------- */

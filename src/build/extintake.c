@@ -131,6 +131,7 @@ mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_de
 void mni_extintake_close(mni_extintake *x) {
     if (x == NULL)
         return;
+    mni_ext_judge_end(x);
     mni_ext_vertices_stop(x);
     mni_spill *spills[] = {&x->pushed, &x->sequence, &x->placed};
     for (size_t i = 0; i < sizeof spills / sizeof spills[0]; i++)

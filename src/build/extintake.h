@@ -27,8 +27,8 @@
  *   ¹ of all vertices, or of a bucket's
  *
  * Every bool: false means that the status has been filled. One thread, and with two allowed another
- * that counts edges while triangles are handed out (extfaces.c), and one that writes vertices
- * meanwhile (extvertices.c). */
+ * that sorts what is read (extnumber.c), judges triangles and counts edges while they are handed
+ * out (extfaces.c), and one that writes vertices meanwhile (extvertices.c). */
 #ifndef MNI_EXTINTAKE_H
 #define MNI_EXTINTAKE_H
 
@@ -178,7 +178,9 @@ struct mni_extintake {
     /* triangles */
     uint64_t *used;        /* a bit a place */
     uint32_t *used_before; /* for each MNI_EXT_RANK_WORDS words of them */
-    uint64_t judged;       /* so far */
+    uint64_t judged;       /* so far, or on their way to it */
+    mni_relay judge;
+    bool judging; /* the relay is open */
     mni_sort *triangle_sort;
     mni_ext_edges *edges;
 
@@ -256,8 +258,10 @@ bool mni_ext_place_vertices(mni_extintake *x);
 /* Triangles by places: opens the faces and has each judged. */
 bool mni_ext_place_triangles(mni_extintake *x);
 bool mni_ext_faces_open(mni_extintake *x);
-/* A triangle of places, or with MN_NONE; number: in the input. In any order. */
+/* A triangle of places, or with MN_NONE; number: in the input. In any order. What is found is not
+ * looked at before the end, which is harmless where faces are not open. */
 bool mni_ext_judge(mni_extintake *x, const uint32_t place[3], uint32_t number);
+void mni_ext_judge_end(mni_extintake *x);
 /* All have been judged: which places are used is known, and told by mni_ext_is_used. */
 bool mni_ext_faces_judged(mni_extintake *x);
 /* Twins go, the rest is written. */

@@ -15,7 +15,10 @@
  * (To sort corners by vertex, to join, and to sort back would move 96 bytes a triangle; this moves
  * 12 where neighbours in the input are near each other in the model, and at most 40.)
  *
- * Secret: the curve, the buckets. One thread. (design.md §3.1, §3.3) */
+ * With two threads allowed keys are made, and records sorted, in one of its own (relay.h), beside
+ * the reading of vertices, and of triangles (mni_ext_judge).
+ *
+ * Secret: the curve, the buckets. (design.md §3.1, §3.3) */
 #include "extintake.h"
 
 #include <math.h>
@@ -26,6 +29,7 @@
 
 #include "mn_assert.h"
 #include "reader.h"
+#include "relay.h"
 
 enum {
     AXIS_BITS = MNI_EXT_CURVE_BITS_MAX + 1, /* 3 × 21 fit a word */
@@ -125,24 +129,44 @@ static bool map_vertex(mni_extintake *x, uint32_t vertex, uint32_t place) {
 
 /* ---- vertices ------------------------------------------------------------------------------- */
 
-static bool sort_vertices(mni_extintake *x, mni_sort *sort) {
+/* In either thread: gets its key, and goes to the sort. */
+typedef struct keyed {
+    const mni_extintake *x;
+    mni_sort *sort;
+    size_t entry_bytes;
+} keyed;
+
+static void sort_entries(void *context, void *records, uint32_t count) {
+    const keyed *k = context;
+    unsigned char *at = records;
+    for (; count > 0; count--, at += k->entry_bytes) {
+        set_key(k->x, (entry *)(void *)at);
+        mni_sort_put(k->sort, at);
+    }
+}
+
+static bool sort_vertices(mni_extintake *x, mni_sort *sort, size_t entry_bytes) {
+    keyed to = {x, sort, entry_bytes};
+    mni_relay relay;
     mni_spill_reader r;
     mni_ext_words last = {0};
     mni_ext_vertex v;
     uint64_t number = 0;
+    bool goes_on = true;
     mni_spill_reader_open(&r, &x->pushed, 0, x->pushed.size_bytes, x->buffer[0], x->buffer_bytes,
                           true);
-    for (; mni_ext_next(&r, &last, number >= x->narrow_vertices, &v); number++) {
+    mni_relay_open(&relay, sort_entries, &to, entry_bytes, x->buffer[2], x->buffer_bytes,
+                   x->desc.threads);
+    for (; goes_on && mni_ext_next(&r, &last, number >= x->narrow_vertices, &v); number++) {
         const mni_ext_words words = mni_ext_words_of(&v, mni_ext_is_wide(x));
         entry e = {.word = {(uint32_t)number}};
-        if (!mni_ext_tell_vertices(x, number))
-            return false;
         memcpy(e.word + 1, words.word, sizeof words);
-        set_key(x, &e);
-        mni_sort_put(sort, &e);
+        mni_relay_put(&relay, &e);
+        goes_on = mni_ext_tell_vertices(x, number);
     }
-    MN_ASSERT(number == x->vertices || x->pushed.trouble.code != MN_OK);
-    bool good = mni_ext_spill_good(x, &x->pushed);
+    mni_relay_close(&relay);
+    MN_ASSERT(!goes_on || number == x->vertices || x->pushed.trouble.code != MN_OK);
+    bool good = goes_on && mni_ext_spill_good(x, &x->pushed);
     mni_ext_spill_close(x, &x->pushed);
     return good;
 }
@@ -202,7 +226,7 @@ bool mni_ext_place_vertices(mni_extintake *x) {
     mni_sort *sort = NULL;
     bool one = mni_ext_buckets(x) == 1;
     bool ok = mni_ext_spill_open(x, &x->placed) && mni_ext_sort_open(x, &sort, &desc) &&
-              sort_vertices(x, sort) && mni_sort_finish(sort, x->st) == MN_OK &&
+              sort_vertices(x, sort, desc.record_bytes) && mni_sort_finish(sort, x->st) == MN_OK &&
               (!one || take_map(x)) && weld_sorted(x, sort);
     mni_ext_sort_close(x, &sort);
     x->counts.welded_vertices = x->vertices - x->nonfinite - x->places;
@@ -339,6 +363,7 @@ static bool triangles_of_soup(mni_extintake *x) {
 bool mni_ext_place_triangles(mni_extintake *x) {
     bool ok = mni_ext_buckets(x) == 1 || (end_pairs(x) && take_map(x));
     ok = ok && mni_ext_faces_open(x) && (x->soup ? triangles_of_soup(x) : triangles_by_buckets(x));
+    mni_ext_judge_end(x);
     MN_ASSERT(!ok || x->judged == x->triangles);
     for (int i = 0; i < MNI_EXT_BUCKETS; i++)
         mni_ext_spill_close(x, &x->bucket[i].spill);
