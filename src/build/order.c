@@ -20,8 +20,8 @@
  * table of leaves are asked for in the order of leaves; that is one in space too, as ids are, so a
  * few pages do (pages.h).
  *
- * A second thread, where memory has room for a second bucket, deals a bucket's simplices beside the
- * next one's collapses in step 1, and loads the bucket that comes next in steps 2 and 3.
+ * A second thread, where memory has room for a second bucket, deals a bucket's rows and simplices
+ * beside the next one's collapses in step 1, and loads the bucket that comes next in steps 2 and 3.
  *
  * Here: the plan of memory, and the steps' order. */
 #include "order.h"
