@@ -10,6 +10,8 @@
 
 #include <math.h>
 
+#include "mn_assert.h"
+
 /* A step that is this share of the model, and differs by this share of itself from the one before,
  * is a jump: the camera is somewhere else, and nothing is known of where it goes. The next one, if
  * it is alike, is motion, however fast. */
@@ -131,18 +133,39 @@ static void judge(mni_ahead *a, mni_front *front, const uint32_t *slot, int coun
             foresee_split(a, front, slot[i]);
 }
 
-/* As Navigate's pass of splits goes through all slots (navigate.c), through those of one turn. */
-static void scan_slots(mni_ahead *a, mni_front *f, const mni_barred *barred, uint32_t from,
-                       uint32_t to) {
+/* Whoever is in none of those slots of a batch is not wanted there. */
+static void check_left_out(const mni_ahead *a, const mni_front *f, uint32_t first, uint64_t bits) {
+#ifdef MN_SLOW_CHECKS
+    for (uint32_t i = 0; i < MNI_SIEVE_BATCH && first + i < f->slots_high; i++) {
+        if ((bits >> i & 1) != 0 || !mni_front_is_active(f, first + i) ||
+            mni_front_is_leaf(f, first + i))
+            continue;
+        const mni_bounds bounds = mni_front_bounds(f, first + i);
+        MN_ASSERT(!mni_lens_wants(&a->there, &bounds));
+    }
+#else
+    (void)a, (void)f, (void)first, (void)bits;
+#endif
+}
+
+/* As Navigate's pass of splits goes through all slots (navigate.c), through those of one turn that
+ * may be wanted there: whose verdict does not stand until then. */
+static void scan_slots(mni_ahead *a, mni_front *f, const mni_barred *barred, float until,
+                       uint32_t from, uint32_t to) {
     float margin[MNI_SIEVE_BATCH];
     uint32_t slot[MNI_SIEVE_BATCH];
     int count = 0;
     for (uint32_t first = from; first < to; first += MNI_SIEVE_BATCH) {
+        uint64_t bits = mni_sieve_late(&barred->due[first], until);
+        check_left_out(a, f, first, bits | mni_barred_bits(barred, first));
+        bits &= ~mni_barred_bits(barred, first);
+        if (bits == 0)
+            continue;
         mni_sieve_far(&a->sieve, NULL, &f->position[3 * (size_t)first], &f->radius[first],
                       &f->switch_value[first], margin);
-        const uint64_t bits = mni_barred_bits(barred, first);
-        for (uint32_t i = 0, at = first; i < MNI_SIEVE_BATCH && at < to; i++, at++) {
-            if (margin[i] > 0 || (bits >> i & 1) != 0)
+        for (; bits != 0; bits &= bits - 1) {
+            const uint32_t i = (uint32_t)__builtin_ctzll(bits), at = first + i;
+            if (at >= to || margin[i] > 0)
                 continue;
             mni_sieve_put(&a->batch, count, &f->position[3 * (size_t)at], f->radius[at],
                           f->switch_value[at], f->face[at].cone);
@@ -189,12 +212,14 @@ static part turn(uint32_t count, uint32_t turns, uint32_t *next) {
     return (part){from, last ? count : from + size};
 }
 
-void mni_ahead_scan(mni_ahead *a, mni_front *front, const mni_barred *barred) {
+void mni_ahead_scan(mni_ahead *a, mni_front *front, const mni_barred *barred, float clock) {
     if (!a->look.moves || !(a->look.now.tolerance_px > 0))
         return;
     const part slots = turn(front->slots_high, MNI_AHEAD_TURNS, &a->slot);
     const part branches = turn(front->slots_high, MNI_AHEAD_UP_TURNS, &a->branch);
     a->near ^= a->slot == 0;
-    scan_slots(a, front, barred, slots.from, slots.to);
+    const double motion = mni_sieve_motion(&a->look.now, &a->there, (double)a->look.coordinate_max);
+    const float until = nextafterf((float)((double)clock + motion), INFINITY);
+    scan_slots(a, front, barred, until, slots.from, slots.to);
     scan_branches(a, front, branches.from, branches.to);
 }

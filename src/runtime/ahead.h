@@ -45,7 +45,8 @@ void mni_ahead_begin(mni_ahead *ahead, const mn_camera *camera, const mni_lens *
                      uint32_t width_px, uint32_t height_px, double size, const mn_weights *weights,
                      float coordinate_max);
 /* Tells the store what a part of the front will want; but for those who are barred: they want it
- * now. */
-void mni_ahead_scan(mni_ahead *ahead, mni_front *front, const mni_barred *barred);
+ * now. Not looked at is whose verdict (barred->due) stands until the clock of motion has gone as
+ * far as the camera will. */
+void mni_ahead_scan(mni_ahead *ahead, mni_front *front, const mni_barred *barred, float clock);
 
 #endif

@@ -751,7 +751,7 @@ static void look_forward(mni_navigator *nav) {
     }
     if (mni_navigator_effort(nav) < nav->effort_max / (nav->early ? 2 : 1)) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
-        mni_ahead_scan(&nav->ahead, &nav->front, &nav->barred);
+        mni_ahead_scan(&nav->ahead, &nav->front, &nav->barred, nav->clock);
     }
     nav->usual += (mni_navigator_effort(nav) - nav->usual) / EFFORT_FRAMES;
 }

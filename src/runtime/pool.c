@@ -30,6 +30,7 @@ void mni_pool_open(mni_pool *pool, const mni_store_desc *desc, mni_board *board,
     *pool = (mni_pool){.header = desc->header,
                        .board = board,
                        .prefetch = desc->prefetch,
+                       .k_to_use = mni_store_k_to_use(desc->header, k, desc->prefetch),
                        .kept = 2 + (k / KEPT_SHARE < KEPT_MOST ? k / KEPT_SHARE : KEPT_MOST),
                        .looked_at = MNI_NO_SLOT,
                        .batch_max = batch_max(k)};
@@ -402,6 +403,9 @@ void mni_pool_check(mni_pool *pool, mni_usage_of usage_of, const void *context) 
     mni_holders *holders = &pool->holders;
     uint32_t count[MNI_HOLDER_STATES] = {0}, sum = 0, touched = 0, loading_plain = 0;
     mni_pool_lock(pool);
+    MN_ASSERT(pool->k_to_use == mni_store_k_to_use(pool->header,
+                                                   holders->k - holders->count[MNI_HOLDER_RETIRED],
+                                                   pool->prefetch));
     for (uint32_t slot = 0; slot < holders->k; slot++) {
         check_holder(pool, slot, usage_of, context);
         check_references(pool, slot);

@@ -48,6 +48,8 @@ typedef struct mni_pool {
     mni_board *board;
     mn_prefetch prefetch;
     uint32_t kept; /* free places that foresight leaves for what is asked for */
+    /* Navigate only */
+    uint32_t k_to_use; /* mni_store_k_to_use of those in service */
 
     mni_lock lock;
     /* guarded by lock */

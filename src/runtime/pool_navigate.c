@@ -37,7 +37,12 @@ static uint32_t k_in_service(const mni_pool *pool) {
 
 /* Place holders that packed blocks in use and their ancestors may have. */
 static int64_t k_to_use(const mni_pool *pool) {
-    return mni_store_k_to_use(pool->header, k_in_service(pool), pool->prefetch);
+    return pool->k_to_use;
+}
+
+/* Place holders have gone out of service, or into it. */
+static void serve(mni_pool *pool) {
+    pool->k_to_use = mni_store_k_to_use(pool->header, k_in_service(pool), pool->prefetch);
 }
 
 /* What they leave for what is to come. */
@@ -788,6 +793,7 @@ bool mni_pool_shrink(mni_pool *pool, uint32_t table_count, uint32_t *chunk) {
             mni_pool_forget_locked(pool, slot);
             mni_holders_set(holders, slot, MNI_HOLDER_RETIRED);
         }
+        serve(pool);
     }
     mni_pool_unlock(pool);
     return found;
@@ -813,5 +819,6 @@ void mni_pool_grow(mni_pool *pool, uint32_t chunk) {
         mni_freelist_prepend(&pool->free, holders, slot);
     }
     pool->epoch++;
+    serve(pool);
     mni_pool_unlock(pool);
 }

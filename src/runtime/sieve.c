@@ -62,23 +62,34 @@ static bool weighs_alike(const mni_lens *a, const mni_lens *b) {
            a->silhouette == b->silhouette && a->light == b->light && a->most == b->most;
 }
 
-/* A plane's value at a point changes by the eye's way, and by what the plane's normal changes times
- * how far the point is. */
+/* By how much a plane's value changes, at most, over all points of the model: what the plane is
+ * moved by along its normal, as seen from the origin, and what its normal turns by times how far
+ * they are. Where the camera circles about the model nearly nothing is left of either. */
+static double plane_motion(const mni_lens *from, const mni_lens *to, int p, double size) {
+    double shift = 0, turn = 0, wrong = 0;
+    for (int i = 0; i < 3; i++) {
+        const double before = from->plane[p][i] * from->eye[i], now = to->plane[p][i] * to->eye[i];
+        shift += now - before;
+        wrong += fabs(now) + fabs(before);
+        turn += fabs(to->plane[p][i] - from->plane[p][i]);
+    }
+    return fabs(shift) + turn * size + (wrong + size) * 1e-14;
+}
+
+/* Distances and what is asked of cones change by the eye's way. */
 double mni_sieve_motion(const mni_lens *from, const mni_lens *to, double size) {
     if (!weighs_alike(from, to))
         return INFINITY;
-    double way = 0, far = 0, most = 0;
-    for (int i = 0; i < 3; i++) {
+    if (memcmp(from->eye, to->eye, sizeof to->eye) == 0 &&
+        memcmp(from->plane, to->plane, sizeof to->plane) == 0)
+        return 0;
+    double way = 0, most;
+    for (int i = 0; i < 3; i++)
         way += (to->eye[i] - from->eye[i]) * (to->eye[i] - from->eye[i]);
-        far += (fabs(to->eye[i]) + size) * (fabs(to->eye[i]) + size);
-    }
-    for (int p = 0; p < 5; p++) {
-        double turn = 0;
-        for (int i = 0; i < 3; i++)
-            turn += (to->plane[p][i] - from->plane[p][i]) * (to->plane[p][i] - from->plane[p][i]);
-        most = fmax(most, turn);
-    }
-    double motion = (sqrt(way) + sqrt(most * far)) * 1.000001;
+    most = sqrt(way);
+    for (int p = 0; p < 5; p++)
+        most = fmax(most, plane_motion(from, to, p, size));
+    const double motion = most * 1.000001;
     return motion >= 0 ? motion : INFINITY;
 }
 

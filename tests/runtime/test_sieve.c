@@ -256,6 +256,29 @@ START_TEST(margins_hold) {
 }
 END_TEST
 
+/* A camera that circles about the model at twice its size: no plane moves more than the eye does.
+ */
+START_TEST(a_circle_is_as_long_as_it_is) {
+    const double size = 10, turn = 6.283185307 / 200;
+    for (int i = 0; i < 200; i++) {
+        mn_camera camera[2] = {{.up = {0, 1, 0}, .fov_y_deg = 45},
+                               {.up = {0, 1, 0}, .fov_y_deg = 45}};
+        mni_lens lens[2];
+        for (int k = 0; k < 2; k++) {
+            camera[k].eye[0] = (float)(2 * size * sin((i + k) * turn));
+            camera[k].eye[1] = (float)(size / 2);
+            camera[k].eye[2] = (float)(2 * size * cos((i + k) * turn));
+            mni_lens_make(&lens[k], &camera[k], 1280, 720, size, 1, NULL);
+        }
+        const double way = 2 * 2 * size * sin(turn / 2),
+                     motion = mni_sieve_motion(&lens[0], &lens[1], size);
+        ck_assert_double_ge(motion, way * 0.9999);
+        ck_assert_double_le(motion, way * 1.0001);
+        ck_assert(mni_sieve_motion(&lens[0], &lens[0], size) == 0);
+    }
+}
+END_TEST
+
 int main(void) {
     const char *seed = getenv("MN_SEED");
     random_state = seed != NULL ? strtoull(seed, NULL, 10) : 20261122;
@@ -265,6 +288,7 @@ int main(void) {
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, never_wrong, 0, 4);
     tcase_add_loop_test(tc, margins_hold, 0, 2);
+    tcase_add_test(tc, a_circle_is_as_long_as_it_is);
     tcase_add_test(tc, limits);
     tcase_add_test(tc, late_is_not_above);
     suite_add_tcase(suite, tc);
