@@ -63,7 +63,7 @@ typedef struct mni_navigator {
     uint16_t *pusher;     /* likewise: where on the stack those stand for whom they must be split */
     uint32_t *chain;      /* chain_max branches */
     uint32_t chain_max;
-    uint32_t needs[MNI_NEEDS_MAX]; /* of a chain, so many blocks that have no place */
+    mn_block_ref needs[MNI_NEEDS_MAX]; /* of a chain, so many blocks that have no place */
     uint32_t needs_count;
     mni_refusal *refusal; /* nodes_max: of slots that are MNI_NODE_GIVEN_UP */
     mni_barred barred;    /* of those the ones that are wanted */

@@ -208,6 +208,7 @@ static mni_begin begin_locked(mni_pool *pool, const mni_command *command, bool m
     if (command->kind == MNI_COMMAND_LOOK ||
         !mni_failures_due(&pool->failures, command->ref.id, pool->frame))
         return MNI_BEGIN_GIVE_UP;
+    MN_ASSERT((uint64_t)command->ref.pages * MN_PAGE_BYTES <= pool->holders.holder_bytes);
     slot = take_place(pool, command->places, urgent);
     if (slot == MNI_NO_SLOT)
         return urgent && may_wait ? MNI_BEGIN_WAIT : MNI_BEGIN_GIVE_UP;

@@ -32,12 +32,12 @@ static void drop_needs(mni_navigator *nav) {
 }
 
 /* Adds a block to those that the chain needs. false: there is room for fewer. */
-static bool add_need(mni_navigator *nav, uint32_t block_id, int64_t room) {
+static bool add_need(mni_navigator *nav, mn_block_ref ref, int64_t room) {
     for (uint32_t i = 0; i < nav->needs_count; i++)
-        if (nav->needs[i] == block_id)
+        if (nav->needs[i].id == ref.id)
             return true;
     MN_ASSERT(nav->needs_count < MNI_NEEDS_MAX);
-    nav->needs[nav->needs_count++] = block_id;
+    nav->needs[nav->needs_count++] = ref;
     if (nav->needs_count > room)
         drop_needs(nav);
     return nav->needs_count <= room;
@@ -52,7 +52,7 @@ static bool is_refused(mni_navigator *nav, uint32_t slot, int64_t room) {
     if ((front->node[slot].flags & MNI_NODE_EXIT) == 0)
         return false;
     const mni_entry from = mni_front_exit(front, slot, &ref, &note);
-    if (mni_store_has_place(front->store, ref.id) || add_need(nav, ref.id, room))
+    if (mni_store_has_place(front->store, ref) || add_need(nav, ref, room))
         return false;
     mni_store_no_room(front->store, from, ref, nav->needs_count);
     return true;

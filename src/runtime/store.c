@@ -266,14 +266,16 @@ int64_t mni_store_room(const mni_store *store) {
                                      : INT64_MAX;
 }
 
-bool mni_store_has_place(const mni_store *store, uint32_t block_id) {
-    return mni_ancestors_find(&store->table, block_id) != MNI_NO_ENTRY ||
-           store->kind->has_place == NULL || store->kind->has_place(store->blocks, block_id);
+bool mni_store_has_place(const mni_store *store, mn_block_ref ref) {
+    return mni_ancestors_find(&store->table, ref.id) != MNI_NO_ENTRY ||
+           store->kind->has_place == NULL || store->kind->has_place(store->blocks, ref.id) ||
+           !ref_is_sound(store->header, ref);
 }
 
 void mni_store_no_room(mni_store *store, mni_entry parent, mn_block_ref ref, uint32_t blocks) {
     const mni_wish wish = wish_for(store, MNI_WAY_DOWN, ref, parent);
     MN_ASSERT(store->kind->no_room != NULL && (int64_t)blocks > mni_store_room(store));
+    MN_ASSERT(ref_is_sound(store->header, ref));
     store->table_full = false;
     store->kind->no_room(store->blocks, &wish, blocks);
 }

@@ -138,9 +138,9 @@ mni_refusal mni_store_refusal(const mni_store *store, bool alone);
 void mni_store_refuse(mni_store *store, const mni_refusal *known);
 /* Blocks that may come into use beside those that are, or are granted. INT64_MAX: all. */
 int64_t mni_store_room(const mni_store *store);
-/* Does a block need none of that room: is it in use, an ancestor, granted, or are there no rules?
- */
-bool mni_store_has_place(const mni_store *store, uint32_t block_id);
+/* Does a block need none of that room: is it in use, an ancestor, granted, absent for ever, or are
+ * there no rules? */
+bool mni_store_has_place(const mni_store *store, mn_block_ref ref);
 /* The attempt comes to need `blocks` blocks, that child of the block at `parent` among them, and
  * there is room for fewer: it is given up as if it had asked for them, one after the other. */
 void mni_store_no_room(mni_store *store, mni_entry parent, mn_block_ref ref, uint32_t blocks);

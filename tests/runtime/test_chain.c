@@ -5,9 +5,12 @@
  * one by one. */
 #include <check.h>
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 
 #include "flight.h"
 #include "chain.h"
+#include "frame.h"
 #include "front.h"
 #include "scarce.h"
 #include "suite.h"
@@ -26,12 +29,20 @@ static void over_globe(flight *f, int delay_us, uint32_t nodes_max) {
     flight_open(f, header->blocks, disk, nodes_max);
 }
 
-/* As many places as half of the blocks, a disk that is there within a frame. */
-static void short_of_places(flight *f) {
+static const mn_header *small_blocks(flight *f) {
     static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096};
-    const mn_header *header = flight_model(f, &blocks);
+    return flight_model(f, &blocks);
+}
+
+/* A disk that is there within a frame. */
+static void with_places(flight *f, uint32_t k) {
     const mni_store_desc disk = {.io = MN_IO_SIM, .sim = {.delay_us_max = FAST_US}};
-    flight_open(f, header->blocks / 2, disk, NODES_MAX);
+    flight_open(f, k, disk, NODES_MAX);
+}
+
+/* As many places as half of the blocks. */
+static void short_of_places(flight *f) {
+    with_places(f, small_blocks(f)->blocks / 2);
 }
 
 static void fly_to(flight *f, const mn_camera *camera) {
@@ -242,6 +253,49 @@ START_TEST(no_room_is_known_before) {
 }
 END_TEST
 
+/* One in four references of a block to others says that these are longer than any place. */
+static void lie(unsigned char *block, const mn_header *header) {
+    mni_frame frame;
+    uint32_t self[2];
+    mni_frame_get(block, &frame);
+    memcpy(self, block + 24, sizeof self);
+    for (uint32_t i = 3; i < frame.refs; i += 4) {
+        mn_block_ref ref = mni_frame_ref(block, i);
+        ref.pages = header->block_bytes_max / MN_PAGE_BYTES + 1;
+        if (((uint64_t)ref.id + ref.pages) * MN_PAGE_BYTES <= header->file_bytes)
+            mni_frame_set_ref(block, i, ref);
+    }
+    mni_frame_seal(block, &frame, (mn_block_ref){self[0], self[1]}, header->build_id);
+}
+
+/* A child that no place could hold is absent for ever: nobody asks for it, and it finds no room
+ * wanting. */
+START_TEST(what_no_place_could_hold_is_not_sought) {
+    flight f;
+    const mn_header *header = small_blocks(&f);
+    unsigned char *block = malloc(header->block_bytes_max);
+    FILE *file = fopen(f.m.path, "r+b");
+    ck_assert(block != NULL && file != NULL);
+    for (uint64_t at = MN_PAGE_BYTES; at < header->file_bytes; at += MN_PAGE_BYTES) {
+        ck_assert_int_eq(fseek(file, (long)at, SEEK_SET), 0);
+        ck_assert_uint_eq(fread(block, 1, MN_PAGE_BYTES, file), MN_PAGE_BYTES);
+        lie(block, header);
+        ck_assert_int_eq(fseek(file, (long)at, SEEK_SET), 0);
+        ck_assert_uint_eq(fwrite(block, 1, MN_PAGE_BYTES, file), MN_PAGE_BYTES);
+    }
+    ck_assert_int_eq(fclose(file), 0);
+    free(block);
+    with_places(&f, mni_store_k_min(header) + 16); /* one is for what is to come */
+    uint64_t refused = 0;
+    for (int i = 0; i < FRAMES; i++) {
+        turn_short(&f, i);
+        refused += f.nav.work.refused_pool;
+    }
+    ck_assert_uint_gt(refused, 0);
+    flight_close(&f);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("chain");
     TCase *tc = tcase_create("chain");
@@ -252,6 +306,7 @@ int main(void) {
     tcase_add_loop_test(tc, missed_again_in_the_frame, 0, 2);
     tcase_add_test(tc, a_miss_is_no_want_of_room);
     tcase_add_test(tc, no_room_is_known_before);
+    tcase_add_test(tc, what_no_place_could_hold_is_not_sought);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }
