@@ -132,7 +132,7 @@ static mn_code take_end(child *c, int status, const struct rusage *usage, child_
                        1e-6 * (double)(usage->ru_utime.tv_usec + usage->ru_stime.tv_usec);
     size_t error_bytes;
     end->out = text_of(c->out_fd, &end->out_bytes);
-    char *errors = text_of(c->err_fd, &error_bytes);
+    char *errors = text_of(c->err_fd >= 0 ? c->err_fd : c->out_fd, &error_bytes);
     if (errors != NULL)
         take_last_line(errors, end);
     if (c->late)
@@ -149,7 +149,7 @@ static mn_code take_end(child *c, int status, const struct rusage *usage, child_
 static void interrupt_all(const child *children, int count) {
     for (int i = 0; i < count; i++)
         if (children[i].pid > 0)
-            kill(children[i].pid, SIGINT);
+            kill(children[i].pid, cli_interrupted());
 }
 
 /* Kills those that are late. Returns for how long the others may run, or NULL: for ever. */

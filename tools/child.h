@@ -26,7 +26,8 @@ typedef struct child_end {
     double cpu_seconds; /* of the processor, what it has waited for included */
     char *out;          /* what it printed on standard output, out_bytes and a 0 */
     size_t out_bytes;
-    char says[400]; /* the last line of its errors, without "metanode: "; or how it ended */
+    char says[400]; /* the last line of its errors, or of its output where they are not caught,
+                       without "metanode: "; or how it ended */
 } child_end;
 
 /* From now on SIGINT, SIGTERM and SIGHUP come in child_wait only, so that none falls between a look

@@ -25,7 +25,7 @@ int cli_error(mn_code code, const char *format, ...) {
     va_end(args);
     for (char *c = line; *c != '\0'; c++) /* one line, whatever a file is called */
         *c = (unsigned char)*c < ' ' || *c == 127 ? '?' : *c;
-    fprintf(stderr, "metanode: %s\n", line);
+    fprintf(getenv(CLI_ERRORS_APART) != NULL ? stdout : stderr, "metanode: %s\n", line);
     return (int)code;
 }
 

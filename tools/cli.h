@@ -34,6 +34,9 @@ int cmd_trace(int argc, char **argv);
 int cmd_tune(int argc, char **argv);
 int cmd_bench(int argc, char **argv);
 
+/* In the environment: errors go to standard output instead, to whoever has started this process and
+ * reads that; progress goes to the terminal still. */
+#define CLI_ERRORS_APART "METANODE_ERRORS_APART"
 /* Prints "metanode: …" on standard error and returns the code. */
 int cli_error(mn_code code, const char *format, ...) __attribute__((format(printf, 2, 3)));
 int cli_status(const mn_status *st); /* the same of a status; MN_OK prints nothing */

@@ -1,8 +1,10 @@
 /* metanode tune: which blocks, and how many of them in memory? See --help, docs/tune.md and tune.h.
  * Here is the order of things alone. */
+#define _GNU_SOURCE /* sigabbrev_np */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "child.h"
 #include "cli.h"
@@ -17,9 +19,9 @@ static void say_begin(const tune *t) {
     const uint32_t settings = layouts * o->caps * o->places_count * (o->cross ? o->prefetches : 1);
     if (o->json)
         return;
-    printf("%s: %u layout%s, %u setting%s, %u path%s: %u cells, each up to %g s\n", o->in, layouts,
+    printf("%s: %u layout%s, %u setting%s, %u path%s: %u cell%s, each up to %g s\n", o->in, layouts,
            cli_s(layouts), settings, cli_s(settings), o->paths, cli_s(o->paths),
-           (settings + 1) * o->paths, (double)o->limit_s);
+           (settings + 1) * o->paths, cli_s((settings + 1) * o->paths), (double)o->limit_s);
     fflush(stdout);
 }
 
@@ -28,7 +30,8 @@ static void say_plan(const tune *t) {
     const double seconds = tune_seconds_needed(t);
     if (t->o.json)
         return;
-    printf("%zu cells, %zu of them known; about %.0f s", t->cells, t->cells - missing, seconds);
+    printf("%zu cell%s, %zu of them known; about %.0f s", t->cells, cli_s(t->cells),
+           t->cells - missing, seconds);
     printf("%s\n", t->o.cross || t->o.prefetches == 1
                        ? ""
                        : ", then the other prefetch rules at the best setting");
@@ -98,7 +101,8 @@ static mn_code tell(const tune *t, const tune_findings *f, mn_status *st) {
     else if (code == MN_OK)
         tune_table(t, f, stdout);
     if (code == MN_OK && !t->o.json)
-        printf("\n%s/report.html: all of it, with %u plots\n", t->o.folder, plots->count);
+        printf("\n%s/report.html: all of it, with %u plot%s\n", t->o.folder, plots->count,
+               cli_s(plots->count));
     tune_plots_free(plots);
     free(plots);
     return code;
@@ -110,7 +114,8 @@ static mn_code run(tune *t, mn_status *st) {
     if (code == MN_OK) {
         say_begin(t);
         code = tune_build(t, st);
-        if (code == MN_BAD_INPUT)
+        const bool no_tree = code != MN_OK && access(t->tree, F_OK) != 0;
+        if (code == MN_BAD_INPUT || (no_tree && cli_interrupted() != 0))
             tune_folder_forget(t);
     }
     if (code == MN_OK)
@@ -135,11 +140,12 @@ int cmd_tune(int argc, char **argv) {
         cli_interrupts_catch();
         child_signals_hold();
         code = run(t, &st);
-        if (t->is_told)
-            (void)0; /* why, by who failed */
-        else if (code == MN_FAILED && cli_interrupted() != 0)
-            cli_error(code, "interrupted; %s keeps what was measured, and the same command goes on",
-                      t->o.folder);
+        if (code == MN_FAILED && cli_interrupted() != 0)
+            cli_error(code, "interrupted by SIG%s; %s%s%s", sigabbrev_np(cli_interrupted()),
+                      t->is_forgotten ? "nothing is left of " : "", t->o.folder,
+                      t->is_forgotten ? ""
+                                      : " keeps what was made and measured, and the same "
+                                        "command goes on");
         else
             cli_status(&st);
     }

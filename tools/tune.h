@@ -163,7 +163,8 @@ typedef struct tune {
     tune_options o;
     /* the folder */
     char tree[PATH_MAX]; /* the .vdt, or .mnt, that is cut */
-    bool is_told;        /* what ended it has been said already */
+    bool is_new;         /* the folder is of this run … */
+    bool is_forgotten;   /* … and, or, nothing of it is left there */
     int stamp_fd, results_fd;
     char program[64], machine[200];
     /* the sweep */

@@ -2,7 +2,9 @@
  * calls itself, and that two layouts are made at a time, each by one thread; nothing is measured
  * yet. */
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -17,10 +19,41 @@ enum { AT_ONCE = 2, WORDS_MAX = 24 };
 
 /* ---- the tree -------------------------------------------------------------------------------- */
 
-static bool is_tree(const char *path) {
+/* A whole one or not: its first bytes say so. */
+static bool is_mnt(const char *path) {
+    static const char magic[] = "MNTREE";
+    char bytes[sizeof magic - 1] = {0};
+    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    const ssize_t got = fd >= 0 ? read(fd, bytes, sizeof bytes) : -1;
+    if (fd >= 0)
+        close(fd);
+    return got == (ssize_t)sizeof bytes && memcmp(bytes, magic, sizeof bytes) == 0;
+}
+
+static mn_code find_tree(const char *path, bool *is_tree, mn_status *st) {
     mn_header header;
-    mn_status st = {0};
-    return mn_tree_is_vdt(path) || mn_header_read(path, &header, &st) == MN_OK;
+    *is_tree = mn_tree_is_vdt(path) || is_mnt(path);
+    return is_mnt(path) ? mn_header_read(path, &header, st) : MN_OK;
+}
+
+/* What simplify and block advise, by the names that it has here. */
+static void say_as_tune(char *says, size_t room) {
+    static const char *const words[][2] = {
+        {"--ram ", "--build-ram "},
+        {"a lower -L", "a lower of --levels"},
+        {"lower -L", "lower --levels"},
+        {"another folder with --temp-dir", "another folder with -o"},
+        {"another --temp-dir", "another -o"},
+        {" --resume", " the same command"}};
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+        char text[400];
+        const char *at = strstr(says, words[i][0]);
+        if (at == NULL)
+            continue;
+        snprintf(text, sizeof text, "%.*s%s%s", (int)(at - says), says, words[i][1],
+                 at + strlen(words[i][0]));
+        snprintf(says, room, "%s", text);
+    }
 }
 
 static bool exists(const char *path) {
@@ -28,8 +61,8 @@ static bool exists(const char *path) {
     return stat(path, &about) == 0;
 }
 
-/* Simplifies the mesh, goes on where that was killed. Its errors, and its progress on a terminal,
- * are told by itself. */
+/* Simplifies the mesh, goes on where that was killed. Its progress on a terminal is told by itself.
+ */
 static mn_code make_tree(tune *t, mn_status *st) {
     char ram[32], jobs[32], work[PATH_MAX + 8];
     const char *words[WORDS_MAX] = {NULL, "metanode", "simplify", t->o.in, "-o", t->tree};
@@ -49,15 +82,18 @@ static mn_code make_tree(tune *t, mn_status *st) {
     }
     if (exists(work) && !t->o.fresh)
         words[n++] = "--resume";
+    setenv(CLI_ERRORS_APART, "1", true);
     mn_code code = child_start(&run, words, false, st);
+    unsetenv(CLI_ERRORS_APART);
     if (code == MN_OK)
         code = child_wait(&run, 1, &which, &end, st);
+    say_as_tune(end.says, sizeof end.says);
     if (code == MN_OK && cli_interrupted() != 0)
         code = mn_fail(st, MN_FAILED, "interrupted");
-    else if (code == MN_OK && end.code != 0)
-        code = mn_fail(st, end.code <= MN_NO_GRAPHICS ? (mn_code)end.code : MN_FAILED,
-                       "%s: its tree could not be made (%s)", t->o.in, end.says);
-    t->is_told = end.code > MN_OK && end.code <= MN_NO_GRAPHICS; /* else it was killed */
+    else if (code == MN_OK && end.code > MN_OK && end.code <= MN_NO_GRAPHICS)
+        code = mn_fail(st, (mn_code)end.code, "%s", end.says);
+    else if (code == MN_OK && end.code != 0) /* it was killed */
+        code = mn_fail(st, MN_FAILED, "%s: its tree could not be made (%s)", t->o.in, end.says);
     child_end_free(&end);
     return code;
 }
@@ -121,6 +157,7 @@ static void look_at(tune_layout *l, const child_end *end) {
     if (end->code != 0) {
         l->code = end->code <= MN_NO_GRAPHICS ? (mn_code)end->code : MN_FAILED;
         snprintf(l->says, sizeof l->says, "%.199s", end->says);
+        say_as_tune(l->says, sizeof l->says);
     } else if (mn_header_read(l->file, &l->header, &st) != MN_OK) {
         l->code = st.code;
         snprintf(l->says, sizeof l->says, "%.199s", st.text);
@@ -195,8 +232,10 @@ static mn_code know_layouts(tune *t, mn_status *st) {
 }
 
 mn_code tune_build(tune *t, mn_status *st) {
-    const bool given = is_tree(t->o.in);
-    mn_code code = name_layouts(t, st);
+    bool given = false;
+    mn_code code = find_tree(t->o.in, &given, st);
+    if (code == MN_OK)
+        code = name_layouts(t, st);
     if (given)
         snprintf(t->tree, sizeof t->tree, "%s", t->o.in);
     else if (code == MN_OK && tune_file_name(t, "tree.vdt", t->tree, sizeof t->tree) < 0)

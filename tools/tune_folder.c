@@ -189,7 +189,8 @@ mn_code tune_folder_open(tune *t, mn_status *st) {
         code = write_stamp(t, stamp, sizeof stamp, st);
     if (code != MN_OK)
         return code;
-    if (mkdir(folder, 0777) != 0 && errno != EEXIST)
+    t->is_new = mkdir(folder, 0777) == 0;
+    if (!t->is_new && errno != EEXIST)
         return mn_fail(st, mn_code_of_write(errno),
                        "%s: cannot be made: %s; name a directory in one that is there, and can be "
                        "written",
@@ -224,6 +225,9 @@ void tune_folder_forget(tune *t) {
     clear(t);
     if (tune_file_name(t, "tune.txt", path, sizeof path) >= 0)
         unlink(path);
+    if (t->is_new)
+        (void)rmdir(t->o.folder);
+    t->is_forgotten = true;
 }
 
 void tune_folder_close(tune *t) {

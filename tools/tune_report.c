@@ -206,7 +206,7 @@ static void settings(const tune *t, FILE *f) {
     for (uint32_t i = 0; i < o->paths; i++) {
         text(f, i > 0 ? "; " : "");
         text(f, o->path[i].label);
-        fprintf(f, ", %u frames", o->path[i].frames);
+        fprintf(f, ", %u frame%s", o->path[i].frames, cli_s(o->path[i].frames));
     }
     fputs("</tr>\n<tr><td>flown<td style='text-align:left'>", f);
     fprintf(f,

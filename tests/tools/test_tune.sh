@@ -180,11 +180,22 @@ tree_fails() {
         [[ ! -d $scratch/l/tree.vdt.work ]] || break
         sleep 0.02
     done
-    kill -INT "$child"
+    kill -TERM "$child"
     wait "$child" || code=$?
     check "interrupt in the tree: exit $code" test "$code" -eq 1
-    one_line "interrupt in the tree" interrupted
-    rm -rf "$scratch/l" "$scratch/large.ply"
+    one_line "interrupt in the tree" 'interrupted by SIGTERM; nothing is left of'
+    check "interrupt in the tree: nothing is left" test ! -e "$scratch/l"
+    rm -rf "$scratch/large.ply"
+    expect 5 "too little to simplify in" tune "$scratch/s.ply" -o "$scratch/l" --fps 0 --build-ram 1M
+    one_line "too little to simplify in" 'try --build-ram '
+    rm -rf "$scratch/l"
+    expect 5 "too little to cut in" tune "$scratch/s.vdt" -o "$scratch/l" --fps 0 --build-ram 1M
+    one_line "too little to cut in" 'try --build-ram '
+    rm -rf "$scratch/l"
+    expect 0 "a layout" block "$scratch/s.vdt" -o "$scratch/whole.mnt"
+    head -c 20000 "$scratch/whole.mnt" >"$scratch/cut.mnt"
+    expect 3 "a cut .mnt" tune "$scratch/cut.mnt" -o "$scratch/l" --fps 0
+    one_line "a cut .mnt" 'cut.mnt: is cut off' 'copy it whole'
 }
 
 # Each is one line that names what is wrong, and nothing is made.
@@ -220,7 +231,7 @@ usage() {
     check "usage: nothing was made" test ! -e "$scratch/u"
     rm -rf "$scratch/u"
     expect 3 "no mesh at all" tune "$0" -o "$scratch/u"
-    check "no mesh at all: the folder is free for another input" test -z "$(ls -A "$scratch/u")"
+    check "no mesh at all: nothing is left of the folder" test ! -e "$scratch/u"
     expect 2 "no folder possible" tune "$scratch/s.ply" -o "$scratch/s.ply"
 }
 
