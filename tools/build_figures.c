@@ -148,8 +148,8 @@ static void report_text(const build_steps *b) {
                (unsigned long long)in->duplicate_faces, (unsigned long long)in->degenerate_faces,
                (unsigned long long)in->nonfinite_faces);
     if (in->merged_positions > 0)
-        printf("  %llu positions fall together with others\n",
-               (unsigned long long)in->merged_positions);
+        printf("  %llu position%s together with others\n", (unsigned long long)in->merged_positions,
+               in->merged_positions == 1 ? " falls" : "s fall");
     if (seconds > 0)
         printf("  %u collapse%s in %.2f s (%.0f/s)\n", t->inner, cli_s(t->inner), seconds,
                t->inner / seconds);

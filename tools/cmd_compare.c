@@ -60,7 +60,8 @@ static void report(const mn_compare_result *r, double diagonal, bool as_json) {
         double value;
     } row[] = {
         {"mean A to B", r->mean_ab}, {"mean B to A", r->mean_ba}, {"rms", r->rms}, {"max", r->max}};
-    printf("%" PRIu64 " samples on each; diagonal of A %.6g\n", r->samples, diagonal);
+    printf("%" PRIu64 " sample%s on each; diagonal of A %.6g\n", r->samples, cli_s(r->samples),
+           diagonal);
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++)
         printf("%-12s %-12.6g %.4g %% of the diagonal\n", row[i].name, row[i].value,
                100 * row[i].value / diagonal);

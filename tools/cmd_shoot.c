@@ -109,9 +109,10 @@ static mn_code frame_camera(shoot *s, mn_camera *out, mn_status *st) {
 static void report(const shoot *s, const mn_session *session, const picture *p,
                    const mn_frame_stats *stats, uint32_t settle_frames) {
     if (!s->session.json) {
-        printf("%s: %" PRIu64 " triangles, error %.3g px, %ssettled %s %u frame%s\n", s->out,
-               stats->triangles, stats->error_px, stats->changed ? "not " : "",
-               stats->changed ? "after" : "in", settle_frames, cli_s(settle_frames));
+        printf("%s: %" PRIu64 " triangle%s, error %.3g px, %ssettled %s %u frame%s\n", s->out,
+               stats->triangles, cli_s(stats->triangles), stats->error_px,
+               stats->changed ? "not " : "", stats->changed ? "after" : "in", settle_frames,
+               cli_s(settle_frames));
         return;
     }
     json j;

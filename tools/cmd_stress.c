@@ -443,9 +443,9 @@ static void print_words(const options *o, const sums *s) {
            (unsigned long long)s->runs, cli_s(s->runs), (unsigned long long)s->frames,
            cli_s(s->frames), (unsigned long long)o->seed,
            (unsigned long long)(o->seed + s->runs - 1), s->seconds);
-    printf("  memory     %u to %u place holders (%u is the least); %llu chunks taken away, %llu "
+    printf("  memory     %u to %u place holders (%u is the least); %llu chunk%s taken away, %llu "
            "given back\n",
-           s->k_least, s->k_most, s->k_min, (unsigned long long)s->shrunk,
+           s->k_least, s->k_most, s->k_min, (unsigned long long)s->shrunk, cli_s(s->shrunk),
            (unsigned long long)s->grown);
     printf("  disks      %llu simulated (%llu with faults), %llu io_uring (%llu refused), "
            "%llu pread\n",

@@ -136,7 +136,7 @@ static void coarsen(viewer *v, float factor) {
     if (*target > 0) {
         *target = (uint64_t)fmin(fmax((double)*target / (double)factor, 100), 1e9);
         mn_session_set_triangles_max(v->session, *target);
-        printf("at most %" PRIu64 " triangles\n", *target);
+        printf("at most %" PRIu64 " triangle%s\n", *target, cli_s(*target));
         return;
     }
     v->tolerance_px = fminf(fmaxf(v->tolerance_px * factor, 0.01f), 1000);
@@ -361,10 +361,10 @@ static void set_title(viewer *v, double now) {
     if (busy(v))
         snprintf(speed, sizeof speed, "%.0f fps", v->drawn / (now - v->titled_s));
     snprintf(text, sizeof text,
-             "%s: %s, %" PRIu64 " triangles, %.1f MB, %" PRIu64 " misses, error %.2g px%s",
+             "%s: %s, %" PRIu64 " triangle%s, %.1f MB, %" PRIu64 " miss%s, error %.2g px%s",
              slash != NULL ? slash + 1 : v->options.desc.path, speed, v->stats.triangles,
-             (double)ours / (1 << 20), v->stats.misses, v->stats.error_px,
-             v->paused ? " (paused)" : "");
+             cli_s(v->stats.triangles), (double)ours / (1 << 20), v->stats.misses,
+             v->stats.misses == 1 ? "" : "es", v->stats.error_px, v->paused ? " (paused)" : "");
     v->load.api->title(v->gl, text);
     v->titled_s = now;
     v->titled_still = !busy(v);

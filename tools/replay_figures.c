@@ -330,16 +330,17 @@ void figures_table(const replay_figures *f, FILE *out) {
             t->reads, cli_s(t->reads), mega(t->read_bytes), t->second_chances,
             cli_s(t->second_chances), t->evictions, cli_s(t->evictions));
     if (t->checksum_failures + t->io_errors > 0)
-        fprintf(out, "faults     %" PRIu64 " checksums, %" PRIu64 " reads\n", t->checksum_failures,
-                t->io_errors);
+        fprintf(out, "faults     %" PRIu64 " checksum%s, %" PRIu64 " read%s\n",
+                t->checksum_failures, cli_s(t->checksum_failures), t->io_errors,
+                cli_s(t->io_errors));
     fprintf(out, "navigate   %.3f ms on average, %.3f (99 %%), %.3f at most\n",
             spread_mean(&f->nav_ms), spread_quantile(&f->nav_ms, 0.99), f->nav_ms.max);
     if (f->store == MN_STORE_PAGED)
         fprintf(out,
                 "locks      %" PRIu64
-                " waits, %.1f us at most; the I/O thread held the pool's for %.1f us at "
+                " wait%s, %.1f us at most; the I/O thread held the pool's for %.1f us at "
                 "most\n",
-                t->nav_lock_waits, 1e-3 * (double)t->nav_lock_wait_ns_max,
+                t->nav_lock_waits, cli_s(t->nav_lock_waits), 1e-3 * (double)t->nav_lock_wait_ns_max,
                 1e-3 * (double)t->io_lock_hold_ns_max);
     if (f->compared > 0)
         fprintf(out,
@@ -348,11 +349,11 @@ void figures_table(const replay_figures *f, FILE *out) {
                 f->identical, f->compared, mn_psnr_db(f->mean_square_max),
                 mn_psnr_db(mean_of(f->mean_square_sum, f->compared)), f->ssim_min,
                 mean_of(f->ssim_sum, f->compared));
-    fprintf(out, "memory     %.2f MB at the peak; %" PRIu64 " allocations after the start\n",
-            mega(f->rss_peak_bytes), f->allocations_after_seal);
+    fprintf(out, "memory     %.2f MB at the peak; %" PRIu64 " allocation%s after the start\n",
+            mega(f->rss_peak_bytes), f->allocations_after_seal, cli_s(f->allocations_after_seal));
     if (f->has_gl)
-        fprintf(out, "GL, apart  %.2f MB, %" PRIu64 " allocations; %.1f kB sent a picture\n",
-                mega(f->gl_rss_bytes), f->gl_allocations,
+        fprintf(out, "GL, apart  %.2f MB, %" PRIu64 " allocation%s; %.1f kB sent a picture\n",
+                mega(f->gl_rss_bytes), f->gl_allocations, cli_s(f->gl_allocations),
                 mean_of((double)f->gl_sent_bytes / 1024, f->gl_fronts));
     if (f->has_foldovers)
         fprintf(out, "foldovers  %" PRIu64 ", %" PRIu64 " of them legal\n", f->foldovers,

@@ -1,6 +1,7 @@
 /* The report of a trace, in words and as JSON. See trace_report.h. */
 #include <inttypes.h>
 
+#include "cli.h"
 #include "json.h"
 #include "trace_report.h"
 
@@ -58,18 +59,20 @@ static void text_head(const trace_report *r, FILE *out) {
     if (dropped > 0)
         fprintf(out, "; %" PRIu64 " DID NOT FIT, so sums are too low", dropped);
     fputs(mn_trace_is_cut(r->file) ? "; it ends before its end\n" : "\n", out);
-    fprintf(out, "run        %" PRIu64 " frames in %.3f s%s\n", r->frames, seconds(r),
-            i->clock == MN_TRACE_VIRTUAL ? " of the simulated disk" : "");
-    fprintf(out, "moves      %" PRIu64 " splits, %" PRIu64 " collapses\n", r->splits, r->collapses);
+    fprintf(out, "run        %" PRIu64 " frame%s in %.3f s%s\n", r->frames, cli_s(r->frames),
+            seconds(r), i->clock == MN_TRACE_VIRTUAL ? " of the simulated disk" : "");
+    fprintf(out, "moves      %" PRIu64 " split%s, %" PRIu64 " collapse%s\n", r->splits,
+            cli_s(r->splits), r->collapses, cli_s(r->collapses));
     fprintf(out, "misses     %" PRIu64 ", rate %.4f (mean of frames), %.4f (overall)\n", r->misses,
             ratio(r->miss_rate_sum, (double)r->frames),
             miss_rate(r->misses, r->splits + r->collapses));
     fprintf(out, "refused    %" PRIu64 " front, %" PRIu64 " budget, %" PRIu64 " pool\n",
             r->refused_front, r->refused_budget, r->refused_pool);
     fprintf(out,
-            "disk       %" PRIu64 " reads, %.1f MB; %" PRIu64 " second chances, %" PRIu64
-            " evictions\n",
-            r->reads, (double)r->arrived_bytes / 1048576, r->second_chances, r->evictions);
+            "disk       %" PRIu64 " read%s, %.1f MB; %" PRIu64 " second chance%s, %" PRIu64
+            " eviction%s\n",
+            r->reads, cli_s(r->reads), (double)r->arrived_bytes / 1048576, r->second_chances,
+            cli_s(r->second_chances), r->evictions, cli_s(r->evictions));
     fprintf(out,
             "urgent     %" PRIu64 " posted, %" PRIu64 " loaded; %" PRIu64 " grants, %" PRIu64
             " refused\n",
@@ -80,8 +83,8 @@ static void text_head(const trace_report *r, FILE *out) {
             " lost unused: precision %.3f, recall %.3f\n",
             r->posted[MN_TRACE_PREFETCH], r->ended[MN_TRACE_PREFETCH][MN_TRACE_END_LOADED],
             r->prefetches_used, r->lost_unused, precision(r), recall(r));
-    fprintf(out, "locks      Navigate waited %" PRIu64 " times, %.1f us at most\n",
-            r->lock_waits[MN_TRACE_NAVIGATE],
+    fprintf(out, "locks      Navigate waited %" PRIu64 " time%s, %.1f us at most\n",
+            r->lock_waits[MN_TRACE_NAVIGATE], cli_s(r->lock_waits[MN_TRACE_NAVIGATE]),
             1e-3 * (double)r->lock_wait_ns_max[MN_TRACE_NAVIGATE]);
     fprintf(out,
             "in use     %" PRIu64 " blocks at most, %" PRIu64

@@ -17,8 +17,7 @@ enum { FAN_SLACK = 4 }; /* free places behind each list at the start: what a col
 
 static mn_code no_memory(mn_status *st) {
     return mn_fail(st, MN_FAILED,
-                   "out of memory while simplifying; close something or lower --ram "
-                   "to be refused early");
+                   "out of memory while simplifying: close something, or use a machine with more");
 }
 
 mn_code mni_surface_room(mni_surface *s, uint32_t vertices, uint32_t triangles, uint32_t hinges,

@@ -108,10 +108,9 @@ static mn_code check(const mni_vdt_header *h, uint64_t size_bytes, const char *p
     FIELD(h->header_bytes == sizeof *h, "header_bytes");
     if (size_bytes < h->file_bytes)
         return mn_fail(st, MN_BAD_INPUT,
-                       "%s: is cut off: the last %llu bytes are missing, as file_bytes is %llu; "
-                       "copy it whole, or simplify again",
-                       path, (unsigned long long)(h->file_bytes - size_bytes),
-                       (unsigned long long)h->file_bytes);
+                       "%s: is cut off: it has %llu bytes, file_bytes is %llu; copy it whole, or "
+                       "simplify again",
+                       path, (unsigned long long)size_bytes, (unsigned long long)h->file_bytes);
     if (size_bytes > h->file_bytes)
         return mn_fail(st, MN_BAD_INPUT,
                        "%s: header: file_bytes is %llu, the file has %llu; copy it again, or "

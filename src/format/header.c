@@ -117,9 +117,9 @@ static mn_code check_counts(const mn_header *h, uint64_t file_bytes, const char 
     const uint64_t whole_bytes = mni_stored_bytes(h);
     if (file_bytes < whole_bytes)
         return mn_fail(st, MN_BAD_INPUT,
-                       "%s: is cut off: the last %" PRIu64 " bytes are missing, as file_bytes is "
-                       "%" PRIu64 "; copy it whole, or build it again",
-                       name, whole_bytes - file_bytes, whole_bytes);
+                       "%s: is cut off: it has %" PRIu64 " bytes, file_bytes is %" PRIu64
+                       "; copy it whole, or build it again",
+                       name, file_bytes, whole_bytes);
     if (file_bytes > whole_bytes)
         return mn_fail(st, MN_BAD_INPUT,
                        "%s: header: file_bytes is %" PRIu64 ", the file has %" PRIu64

@@ -183,7 +183,7 @@ expect 3 verify a.mnt --against other.ply
 for bytes in 5000 8192; do # within a block, and after one
     head -c $bytes a.mnt >cut.mnt
     expect 3 info cut.mnt
-    says "cut off: the last $(($(wc -c <a.mnt) - bytes)) bytes are missing, as file_bytes is $(wc -c <a.mnt); copy it whole, or build"
+    says "cut off: it has $bytes bytes, file_bytes is $(wc -c <a.mnt); copy it whole, or build"
 done
 { cat a.mnt && echo; } >long.mnt
 expect 3 info long.mnt
@@ -197,7 +197,7 @@ says 'is a .vdt, not a .mnt yet: .*metanode block'
 for bytes in 100 5000; do # within the header, and after it
     head -c $bytes a.vdt >cut.vdt
     expect 3 block cut.vdt -o x.mnt
-    says "after $bytes of [0-9]* bytes; copy it whole, or simplify again\|the last $(($(wc -c <a.vdt) - bytes)) bytes are missing, as .*; copy it whole, or simplify again"
+    says "after $bytes of [0-9]* bytes; copy it whole, or simplify again\|cut off: it has $bytes bytes, file_bytes is $(wc -c <a.vdt); copy it whole, or simplify again"
 done
 cp a.mnt torn.mnt
 printf 'x' | dd of=torn.mnt bs=1 seek=$(($(wc -c <a.mnt) - 6000)) conv=notrunc 2>dd.txt

@@ -238,7 +238,19 @@ says 'missing.mnt: cannot open'
 expect 6 view a.mnt
 says 'no display'
 
+# --- an option given twice: the last counts
+expect 0 extract a.mnt --triangles 100 --triangles 2000 -o x.ply
+grep -q ' 2000 triangles$' out.txt || fail "--triangles twice: $(cat out.txt)"
+expect 0 replay a.mnt --path dive --path orbit --frames 9 --frames 2 --fps 0 --csv t.csv
+[ "$(wc -l <t.csv)" -eq 3 ] || fail "--frames twice: $(wc -l <t.csv) lines"
+
 # --- one of a thing
+expect 0 replay a.mnt --path orbit --frames 1 --fps 0 --io sim --trace t.trace
+expect 0 trace t.trace
+grep -q '^run  *1 frame in ' out.txt || fail "one frame: $(grep ^run out.txt)"
+head -c $(($(wc -c <a.mnt) - 1)) a.mnt >cut.mnt
+expect 3 info cut.mnt
+says "cut off: it has $(wc -c <cut.mnt) bytes, file_bytes is $(wc -c <a.mnt);"
 expect 0 stress a.mnt --io pread --runs 1 --frames 20
 grep -q ': 1 run, ' out.txt || fail "one run: $(head -n 1 out.txt)"
 
