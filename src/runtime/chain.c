@@ -141,6 +141,23 @@ static void chain_end(mni_navigator *nav, mni_outcome outcome, uint32_t *count) 
     *count = 0;
 }
 
+/* The next of a chain, which nobody blocks, is split if the frame's limits and the store let it. */
+static mni_outcome split_next(mni_navigator *nav, uint32_t slot, uint32_t top, uint32_t *count) {
+    mni_front *front = &nav->front;
+    const uint64_t ops = mni_navigator_ops(nav);
+    if (top == MNI_STACK_MAX || *count == nav->chain_max)
+        return MNI_REFUSED_FRONT;
+    if (nav->ops_max > 0 && ops > 0 && ops + *count >= nav->ops_max)
+        return MNI_REFUSED_BUDGET;
+    const mni_outcome outcome = mni_front_split(front, slot, &nav->chain[*count]);
+    if (outcome != MNI_DONE)
+        return outcome;
+    ++*count;
+    mni_chain_check_small(nav);
+    return nav->triangles_max > 0 && front->triangles > nav->triangles_max ? MNI_REFUSED_FRONT
+                                                                           : MNI_DONE;
+}
+
 /* No recursion: order ids rise along the stack, so that it ends. When a block is absent it goes on
  * with what does not depend on that; but not with what another chain has found in this frame. */
 mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
@@ -192,25 +209,15 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
             outcome = MNI_MISS;
         } else if (lack != NULL) {
             top--;
-        } else if (top == MNI_STACK_MAX || *count == nav->chain_max) {
-            outcome = MNI_REFUSED_FRONT;
-        } else if (nav->ops_max > 0 && mni_navigator_ops(nav) > 0 &&
-                   mni_navigator_ops(nav) + *count >= nav->ops_max) {
-            outcome = MNI_REFUSED_BUDGET;
         } else {
-            outcome = mni_front_split(front, at.slot, &nav->chain[*count]);
-            if (outcome == MNI_DONE) {
-                ++*count;
-                top--;
-                mni_chain_check_small(nav);
-                if (nav->triangles_max > 0 && front->triangles > nav->triangles_max)
-                    outcome = MNI_REFUSED_FRONT;
-            } else if (outcome == MNI_MISS) {
+            outcome = split_next(nav, at.slot, top, count);
+            if (outcome == MNI_MISS) {
                 first_missed = missed == 0 ? *count : first_missed;
                 missed++;
-                chain_lacks(nav, --top, block_absent(front->store));
+                chain_lacks(nav, top - 1, block_absent(front->store));
                 outcome = MNI_DONE;
             }
+            top -= outcome == MNI_DONE;
         }
     }
     if (missed > 0 && outcome != MNI_REFUSED_POOL)

@@ -58,9 +58,11 @@ static bool is_refused(mni_navigator *nav, uint32_t slot, int64_t room) {
     return true;
 }
 
-/* Early splits are asked for what is foreseen, and end where there is little room. */
+/* Early splits are asked for what is foreseen, and end where there is little room. And while the
+ * camera stands a chain is refused for what it has asked for alone: what is counted here leaves out
+ * its own grants, so that it might find room for them again and again. */
 static bool is_idle(const mni_navigator *nav, int64_t room) {
-    return room >= MNI_NEEDS_MAX || nav->early_splits;
+    return room >= MNI_NEEDS_MAX || nav->early_splits || !nav->moved;
 }
 
 bool mni_scarce_pushed(mni_navigator *nav, uint32_t from, uint32_t pushed, uint32_t *who) {

@@ -253,6 +253,30 @@ START_TEST(no_room_is_known_before) {
 }
 END_TEST
 
+/* While the camera stands a chain is refused for what it has asked for, not for what is counted:
+ * its own grants are room that it has, and so every round of reads ends in a switch or a refusal.
+ */
+START_TEST(a_still_camera_asks) {
+    flight f;
+    uint32_t who, refused = 0;
+    short_of_places(&f);
+    for (int i = 0; i < FRAMES; i++) {
+        turn_short(&f, i / 10);
+        const mni_front *front = &f.nav.front;
+        refused += i % 10 != 0 && f.nav.work.refused_pool > 0;
+        for (uint32_t slot = 0; i % 10 != 0 && slot < front->slots_high; slot++) {
+            if (!mni_front_is_active(front, slot) || mni_front_is_leaf(front, slot))
+                continue;
+            f.nav.stack[0] = mni_front_ref_of(front, slot);
+            f.nav.pusher[0] = MNI_NOBODY;
+            ck_assert(!mni_scarce_begin(&f.nav, &who));
+        }
+    }
+    ck_assert_uint_gt(refused, 0);
+    flight_close(&f);
+}
+END_TEST
+
 /* One in four references of a block to others says that these are longer than any place. */
 static void lie(unsigned char *block, const mn_header *header) {
     mni_frame frame;
@@ -306,6 +330,7 @@ int main(void) {
     tcase_add_loop_test(tc, missed_again_in_the_frame, 0, 2);
     tcase_add_test(tc, a_miss_is_no_want_of_room);
     tcase_add_test(tc, no_room_is_known_before);
+    tcase_add_test(tc, a_still_camera_asks);
     tcase_add_test(tc, what_no_place_could_hold_is_not_sought);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
