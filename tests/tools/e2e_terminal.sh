@@ -34,9 +34,10 @@ phases() {
 
 expect 0 model make sphere --triangles 250000 -o ball.ply || finish
 part phases make making -- make isosurface --triangles 3000000 -o rock.ply
-part phases build read number check grid deal simplify order blocking -- build ball.ply -o ball.mnt
+# what is moved to the grid is written beside the checks, where there is a second thread
+part phases build read number check deal simplify order blocking -- build ball.ply -o ball.mnt -j 2
 check "a build shows more than once" test "$(wc -l <lines)" -gt 4
-part phases simplify read number check grid deal simplify order writing -- simplify ball.ply -o ball.vdt
+part phases simplify read number check grid deal simplify order writing -- simplify ball.ply -o ball.vdt -j 1
 part phases block checking blocking -- block ball.vdt -o other.mnt
 part phases block checking loading blocking -- block ball.mnt -o other.mnt
 part phases verify checking -- verify ball.mnt
