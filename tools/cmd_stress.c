@@ -456,8 +456,9 @@ static void print_words(const options *o, const sums *s) {
            (unsigned long long)s->adapt, (unsigned long long)s->misses,
            (unsigned long long)s->refused, (unsigned long long)s->reads,
            (unsigned long long)s->evictions);
-    printf("  trouble    %llu damaged blocks, %llu reads failed\n", (unsigned long long)s->damaged,
-           (unsigned long long)s->io_errors);
+    printf("  trouble    %llu damaged block%s, %llu read%s failed\n",
+           (unsigned long long)s->damaged, cli_s(s->damaged), (unsigned long long)s->io_errors,
+           cli_s(s->io_errors));
     printf("  held       every invariant after every frame; all settled (%u frame%s at most), came "
            "back to the\n             roots, lost no command and allocated nothing; %llu ran twice "
            "alike\n",
