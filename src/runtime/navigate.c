@@ -2,11 +2,7 @@
  *
  * Hides: the order of work, and the level of degrading.
  *
- *   collapse pass   unwanted forks in rising order of their parent's id, or, where there are many
- *                   and no budget, by place; those that come to be in it are judged 64 together,
- *                   and so have their turn a little later. Who is blocked waits for its blocker to
- *                   go. One pass is complete: a parent's id exceeds its children's, and what
- *                   blocks a collapse has a lower one.
+ *   collapse pass   what is not wanted, as far as it is free to go (collapse.h)
  *   split pass      wanted nodes, largest error first (in a large front with room and no budget to
  *                   within half a doubling, there by place), each with the chain of neighbours that
  *                   must split before it (chain.h). Children that are wanted join the agenda.
@@ -27,11 +23,13 @@
 #include <string.h>
 
 #include "chain.h"
+#include "collapse.h"
 #include "mn_assert.h"
 #include "refusals.h"
 #include "split_key.h"
+#include "verdict.h"
 
-enum { FETCHED = 12, PASSED = 64, TOGETHER = 16 }; /* nodes to split, in so many; forks to test */
+enum { FETCHED = 12, PASSED = 64 }; /* nodes to split, in so many */
 
 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet */
 #define CLOCK_MAX 1000
@@ -41,255 +39,8 @@ enum { FETCHED = 12, PASSED = 64, TOGETHER = 16 }; /* nodes to split, in so many
 #define EFFORT_START 1.5
 #define EFFORT_MAX 1.75
 enum { EFFORT_LEAST = 16, EFFORT_FRAMES = 8 };
-#define OP_SECONDS 5e-7 /* that an operation takes, about: of a simulated disk's time */
-#define LOOK MNI_DUE_NOW
+#define OP_SECONDS 5e-7    /* that an operation takes, about: of a simulated disk's time */
 #define BARRED 0x80000000u /* in an item of the agenda: a bit of no slot */
-#define NEVER INFINITY     /* nobody is in the slot, or a leaf: who comes sets it */
-
-/* ---- collapses ------------------------------------------------------------------------------ */
-
-/* The reading of the clock up to which a verdict stands, rounded down: without a margin it is past.
- */
-static float due_after(const mni_navigator *nav, float margin) {
-    return (nav->clock + margin) * (1 - 1e-6f);
-}
-
-static inline float nearer(float a, float b) {
-    return a < b ? a : b;
-}
-
-/* A fork's turn: by order id; or by place, so that neighbours have theirs one after the other. */
-static uint32_t fork_key(const mni_navigator *nav, uint32_t fork) {
-    const mni_front_branch *b = &nav->front.branch[fork];
-    return nav->crowded ? b->leaf_lo : b->order;
-}
-
-/* What the camera in a moment says to the batch: nothing is wanted by it where nothing is done
- * early.
- */
-static void judge_soon(const mni_navigator *nav, uint8_t verdict[MNI_SIEVE_BATCH],
-                       float margin[MNI_SIEVE_BATCH]) {
-    if (nav->early) {
-        mni_sieve_judge(&nav->ahead.soon.sieve, &nav->batch, verdict, margin);
-        return;
-    }
-    for (int i = 0; i < MNI_SIEVE_BATCH; i++) {
-        verdict[i] = MNI_UNWANTED;
-        margin[i] = INFINITY;
-    }
-}
-
-/* Those of a batch of forks that are wanted neither now nor in a moment, nor by a chain that lacks
- * a block, onto the agenda, but those that wait already. begun: during the pass. */
-static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count, bool begun) {
-    const mni_front *front = &nav->front;
-    uint8_t verdict[MNI_SIEVE_BATCH], soon[MNI_SIEVE_BATCH];
-    float margin[MNI_SIEVE_BATCH], soon_margin[MNI_SIEVE_BATCH];
-    for (int i = 0; i < count; i++) {
-        const mni_front_branch *b = &front->branch[fork[i]];
-        mni_sieve_put(&nav->batch, i, &front->position[3 * (size_t)b->slot], b->radius,
-                      b->switch_value, b->face.cone);
-    }
-    mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
-    judge_soon(nav, soon, soon_margin);
-    for (int i = 0; i < count; i++) {
-        bool wants = verdict[i] == MNI_WANTED, stays = soon[i] == MNI_WANTED;
-        const bool waits = mni_waiting_has(&nav->waiting, fork[i]);
-        const bool kept = nav->early && front->branch[fork[i]].kept >= nav->frame;
-        if (verdict[i] == MNI_UNSURE || soon[i] == MNI_UNSURE) {
-            const mni_bounds bounds = mni_front_branch_bounds(front, fork[i]);
-            wants = wants || (verdict[i] == MNI_UNSURE && mni_lens_wants(&nav->lens, &bounds));
-            stays =
-                stays || (soon[i] == MNI_UNSURE && mni_lens_wants(&nav->ahead.soon.lens, &bounds));
-        }
-        const float least = nearer(margin[i], soon_margin[i]);
-        nav->fork_due[fork[i]] = kept ? LOOK
-                                      : due_after(nav, wants   ? margin[i]
-                                                       : stays ? soon_margin[i]
-                                                               : least);
-        stays |= wants | kept;
-        if (stays & waits)
-            mni_waiting_drop(&nav->waiting, fork[i]);
-        const mni_agenda_item item = {0, fork_key(nav, fork[i]), fork[i]};
-        if (!begun)
-            mni_agenda_add_if(&nav->agenda, item, !(stays | waits));
-        else if (!(stays | waits))
-            mni_agenda_push(&nav->agenda, item);
-    }
-}
-
-/* Those that have become forks during the pass. */
-static void judge_fresh(mni_navigator *nav) {
-    judge_forks(nav, nav->fresh, nav->fresh_count, true);
-    nav->fresh_count = 0;
-}
-
-/* A node, if it is a fork now. */
-static void consider_fork(mni_navigator *nav, uint32_t fork) {
-    if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
-        return;
-    __builtin_prefetch(&nav->front.position[3 * (size_t)nav->front.branch[fork].slot]);
-    nav->fresh[nav->fresh_count++] = fork;
-    if (nav->fresh_count == MNI_SIEVE_BATCH)
-        judge_fresh(nav);
-}
-
-/* A fork whose next look is not due is wanted still, or not wanted still and waits. In a crowd who
- * comes later goes first: it is where the last ones were. */
-static void collapse_agenda(mni_navigator *nav, uint32_t *tests) {
-    const mni_front *front = &nav->front;
-    uint32_t fork[MNI_SIEVE_BATCH];
-    int count = 0;
-    mni_agenda_clear(&nav->agenda);
-    for (uint32_t first = 0; first < front->slots_high; first += MNI_SIEVE_BATCH) {
-        uint64_t bits = front->forks[first / 64];
-        if (bits != 0)
-            bits &= mni_sieve_late(&nav->fork_due[first], nav->clock);
-        for (; bits != 0; bits &= bits - 1) {
-            fork[count] = first + (uint32_t)__builtin_ctzll(bits);
-            __builtin_prefetch(&front->branch[fork[count]]);
-            if (++count < MNI_SIEVE_BATCH)
-                continue;
-            judge_forks(nav, fork, count, false);
-            count = 0;
-        }
-    }
-    judge_forks(nav, fork, count, false);
-    *tests = nav->agenda.heap;
-    (nav->crowded ? mni_agenda_begin_queue : mni_agenda_begin)(&nav->agenda);
-}
-
-static inline void fetch_children(const mni_front *front, uint32_t fork) {
-    mni_front_fetch_node(front, front->branch[fork].child[0]);
-    mni_front_fetch_node(front, front->branch[fork].child[1]);
-}
-
-static void test_again(mni_navigator *nav, uint32_t fork) {
-    fetch_children(&nav->front, fork);
-    mni_agenda_push(&nav->agenda, (mni_agenda_item){0, fork_key(nav, fork), fork});
-}
-
-/* Two nodes have become one, in the first's slot. Those that waited for one of them have higher
- * order ids, so their turn is still to come, and verdicts that stand; their nodes are asked for.
- * Neighbours of the two are the one's, and who is blocked by it waits for it, unseen: thousands
- * may, at a hub. Third corners of what died need not be its neighbours, in a lying file: whatever
- * they waited for, they look again. */
-static void wake(mni_navigator *nav, uint32_t slot, uint32_t other) {
-    const mni_front *front = &nav->front;
-    const bool all = front->thirds > MNI_FRONT_THIRDS;
-    const uint32_t free = all ? MN_NONE : front->node[slot].above;
-    uint32_t fork;
-    mni_waiting_pass(&nav->waiting, other, slot);
-    while ((fork = mni_waiting_wake(&nav->waiting, slot, free)) != MN_NONE)
-        test_again(nav, fork);
-    for (uint32_t i = 0; i < front->thirds && !all; i++) {
-        fork = front->node[front->third[i]].parent;
-        if (fork == MNI_FRONT_NO_PARENT || !mni_waiting_has(&nav->waiting, fork))
-            continue;
-        mni_waiting_drop(&nav->waiting, fork);
-        test_again(nav, fork);
-    }
-}
-
-/* Forks whose turn it is. */
-static uint32_t next_forks(mni_navigator *nav, uint32_t *fork, uint32_t room) {
-    mni_agenda_item item;
-    uint32_t count = 0;
-    for (; count < room && mni_agenda_pop(&nav->agenda, &item); count++) {
-        __builtin_prefetch(&nav->front.branch[item.what]);
-        fork[count] = item.what;
-    }
-    uint32_t left = TOGETHER;
-    const mni_agenda_item *next = mni_agenda_ahead(&nav->agenda, &left);
-    for (uint32_t i = 0; i < left; i++)
-        __builtin_prefetch(&nav->front.branch[next[i].what]);
-    return count;
-}
-
-/* Those whose turn it is are tested together, so that what each needs of the memory is on its way
- * while the others are: nodes, then simplices, then neighbours. Who is free stays free until its
- * turn: what collapses before it was no neighbour of its, or it would have blocked it. For those
- * its parent is asked for, and who waits for its children; the others wait. Returns how many are
- * free. */
-static uint32_t test_forks(mni_navigator *nav, uint32_t *fork, uint32_t count) {
-    mni_front *front = &nav->front;
-    uint32_t blocker[TOGETHER], kept = 0;
-    mni_rings rings[TOGETHER];
-    nav->work.tested += count;
-    for (uint32_t i = 0; i < count; i++)
-        fetch_children(front, fork[i]);
-    for (uint32_t i = 0; i < count; i++)
-        for (int side = 0; side < 2; side++)
-            mni_front_fetch_simplices(front, front->branch[fork[i]].child[side], false);
-    for (uint32_t i = 0; i < count; i++)
-        mni_front_look(front, fork[i], &rings[i]);
-    for (uint32_t i = 0; i < count; i++)
-        blocker[i] = mni_front_blocker_among(front, fork[i], &rings[i]);
-    for (uint32_t i = 0; i < count; i++) {
-        const mni_front_branch *b = &front->branch[fork[i]];
-        if (blocker[i] != MN_NONE) {
-            mni_waiting_add(&nav->waiting, fork[i], blocker[i]);
-            continue;
-        }
-        __builtin_prefetch(&front->branch[b->parent]);
-        mni_waiting_fetch(&nav->waiting, b->slot);
-        mni_waiting_fetch(&nav->waiting, fork[i]);
-        fork[kept++] = fork[i];
-    }
-    return kept;
-}
-
-static void collapse(mni_navigator *nav, uint32_t fork) {
-    mni_front *front = &nav->front;
-    const mni_front_branch *b = &front->branch[fork];
-    uint32_t parent = b->parent, left = b->slot, right = b->child[1], triangles = front->triangles;
-    mni_outcome outcome = mni_front_collapse(front, fork);
-    nav->work.triangles_removed += triangles - front->triangles;
-    mni_store_attempt_over(front->store);
-    mni_chain_check_small(nav);
-    nav->work.collapses += outcome == MNI_DONE;
-    nav->work.misses += outcome == MNI_MISS;
-    nav->work.refused_pool += outcome == MNI_REFUSED_POOL;
-    nav->work.refused_collapse |= outcome != MNI_DONE;
-    if (outcome == MNI_MISS)
-        MNI_TRACE_MISS(1, false);
-    if (outcome != MNI_DONE) {
-        nav->fork_due[fork] = LOOK;
-        return;
-    }
-    MNI_TRACE_OFTEN(MN_TRACE_COLLAPSE,
-                    mni_store_block_id(front->store, mni_front_entry(front, parent, left)));
-    mni_barred_drop(&nav->barred, left);
-    mni_barred_drop(&nav->barred, right);
-    nav->slot_due[left] = LOOK;
-    nav->slot_due[right] = NEVER;
-    wake(nav, left, right);
-    consider_fork(nav, parent);
-}
-
-/* With a budget, where the order decides, and in a small front one has its turn at a time. */
-static void collapse_pass(mni_navigator *nav) {
-    const bool alone = nav->ops_max > 0 || nav->front.active < MNI_PLACES_MIN;
-    uint32_t fork[TOGETHER], count, tests;
-    collapse_agenda(nav, &tests);
-    while ((count = next_forks(nav, fork, alone ? 1 : TOGETHER)) > 0 || nav->fresh_count > 0) {
-        if (count == 0)
-            judge_fresh(nav);
-        count = test_forks(nav, fork, count);
-        for (uint32_t i = 0; i < count; i++) {
-            MN_ASSERT_SLOW(mni_front_collapse_blocker(&nav->front, fork[i]) == MN_NONE);
-            if (nav->ops_max > 0 && mni_navigator_ops(nav) >= nav->ops_max) {
-                nav->work.refused_budget++;
-                nav->work.refused_collapse = true;
-                nav->fork_due[fork[i]] = LOOK;
-            } else {
-                collapse(nav, fork[i]);
-            }
-        }
-    }
-    nav->work.waits_dependency = nav->waiting.count;
-    nav->crowded = nav->by_place && tests > nav->front.active / MNI_CROWD_SHARE;
-}
 
 /* ---- splits ---------------------------------------------------------------------------------- */
 
@@ -340,7 +91,7 @@ static void consider_split(mni_navigator *nav, uint32_t slot) {
  * looked at. Where splits go by place the list would not be in order. */
 static mni_agenda_item may_bar(mni_navigator *nav, mni_agenda_item item, uint8_t verdict,
                                float margin) {
-    const float due = due_after(nav, margin);
+    const float due = mni_due_after(nav, margin);
     if (verdict != MNI_WANTED || due <= nav->clock || nav->by_place ||
         !mni_refusals_has(nav, item.what))
         return item;
@@ -356,13 +107,13 @@ static void judge_slots(mni_navigator *nav, const uint32_t *slot, int count) {
     float margin[MNI_SIEVE_BATCH], soon_margin[MNI_SIEVE_BATCH];
     mni_agenda_item item;
     mni_sieve_judge(&nav->sieve, &nav->batch, verdict, margin);
-    judge_soon(nav, soon, soon_margin);
+    mni_judge_soon(nav, soon, soon_margin);
     for (int i = 0; i < count; i++) {
         const bool splits =
             mni_front_is_active(&nav->front, slot[i]) && !mni_front_is_leaf(&nav->front, slot[i]);
         const bool far = verdict[i] == MNI_UNWANTED && soon[i] == MNI_UNWANTED;
-        float due = far ? due_after(nav, nearer(margin[i], soon_margin[i])) : LOOK;
-        nav->slot_due[slot[i]] = splits ? due : NEVER;
+        float due = far ? mni_due_after(nav, mni_nearer(margin[i], soon_margin[i])) : MNI_DUE_NOW;
+        nav->slot_due[slot[i]] = splits ? due : MNI_DUE_NEVER;
         if (far || !splits)
             continue;
         if (verdict[i] != MNI_UNWANTED && wanted(nav, slot[i], &item))
@@ -387,7 +138,7 @@ static uint64_t slots_due(mni_navigator *nav, uint32_t first) {
                   &f->switch_value[first], margin);
     for (; late != 0; late &= late - 1) {
         int i = __builtin_ctzll(late);
-        due[i] = due_after(nav, margin[i]);
+        due[i] = mni_due_after(nav, margin[i]);
         near |= (uint64_t)(margin[i] <= 0) << i;
     }
     return near;
@@ -498,13 +249,13 @@ static bool keep_split(mni_navigator *nav, uint32_t branch) {
     MNI_TRACE_OFTEN(MN_TRACE_SPLIT, mni_store_block_id(front->store, b->home));
     mni_front_release(&nav->front, branch);
     while ((fork = mni_waiting_wake(&nav->waiting, b->slot, MN_NONE)) != MN_NONE)
-        nav->fork_due[fork] = LOOK;
+        nav->fork_due[fork] = MNI_DUE_NOW;
     if (b->parent != MNI_FRONT_NO_PARENT)
         mni_waiting_drop(&nav->waiting, b->parent);
-    nav->fork_due[branch] = LOOK;
+    nav->fork_due[branch] = MNI_DUE_NOW;
     for (int side = 0; side < 2; side++) {
         bool is_split = (b->child[side] & MNI_FRONT_BRANCH) != 0;
-        nav->slot_due[first_slot(front, b->child[side])] = is_split ? due : LOOK;
+        nav->slot_due[first_slot(front, b->child[side])] = is_split ? due : MNI_DUE_NOW;
     }
     return due <= nav->clock;
 }
@@ -786,9 +537,9 @@ static void clock_advance(mni_navigator *nav, double motion) {
     nav->clock = 0;
     mni_barred_clear(&nav->barred);
     for (uint32_t i = 0; i < nav->front.slots_high; i++)
-        nav->fork_due[i] = LOOK;
+        nav->fork_due[i] = MNI_DUE_NOW;
     for (uint32_t i = 0; i < nav->front.slots_high; i++)
-        nav->slot_due[i] = LOOK;
+        nav->slot_due[i] = MNI_DUE_NOW;
 }
 
 void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tolerance_px) {
@@ -827,7 +578,7 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->moved |= !same; /* chains that were given up may go through at another level */
     missed_first(nav);
     MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_COLLAPSES, 0, 0);
-    collapse_pass(nav);
+    mni_collapse_pass(nav);
     (void)round_end(nav);
     MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_SPLITS, 0, 0);
     split_pass(nav);
