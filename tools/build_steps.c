@@ -101,7 +101,10 @@ static mn_code check_words(const words *w, int argc, char **argv) {
     if (w->at_once && (w->resume || w->ram_bytes != 0 || w->work_bytes != 0))
         return cli_error(
             MN_USAGE, "%s: --at-once has no --ram, no --work-ram and nothing to --resume", argv[0]);
+    const char *ending = strcmp(argv[0], "simplify") == 0 ? ".vdt" : ".mnt";
     mn_code code = cli_output(argv[0], w->out, argv[optind]);
+    if (code == MN_OK)
+        code = cli_output_kind(argv[0], w->out, ending);
     return code == MN_OK ? cli_output_possible(w->out) : code;
 }
 

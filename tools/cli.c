@@ -13,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
@@ -260,6 +261,20 @@ mn_code cli_output(const char *command, const char *out, const char *in) {
         return MN_OK;
     return (mn_code)cli_error(MN_USAGE, "%s: %s would be written over what is read; name another",
                               command, out);
+}
+
+mn_code cli_output_kind(const char *command, const char *out, const char *ending) {
+    static const char *const kinds[] = {".ply", ".stl", ".obj", ".off", ".om",  ".vdt",
+                                        ".mnt", ".png", ".jpg", ".csv", ".json"};
+    const char *dot = strrchr(out, '.');
+    if (dot == NULL || strcasecmp(dot, ending) == 0)
+        return MN_OK;
+    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+        if (strcasecmp(dot, kinds[i]) == 0)
+            return (mn_code)cli_error(
+                MN_USAGE, "%s: %s: no %s is what is written; give it a name that ends in %s",
+                command, out, kinds[i], ending);
+    return MN_OK;
 }
 
 const char *cli_write_advice(int error) {

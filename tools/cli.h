@@ -109,6 +109,9 @@ int cli_interrupted(void); /* by which signal; 0: by none */
 /* MN_USAGE, and said, where the output is the input, by whatever name, or link; or "-", which means
  * standard output elsewhere. Either may be NULL. */
 mn_code cli_output(const char *command, const char *out, const char *in);
+/* MN_USAGE, and said, where the output's name promises another kind of file than `ending`, ".ply",
+ * which is what is written: a mesh, a model, a picture or a table. Other names are anyone's own. */
+mn_code cli_output_kind(const char *command, const char *out, const char *ending);
 /* MN_USAGE, and said, where two options name one output. Either output may be NULL. */
 mn_code cli_outputs_differ(const char *command, const char *option, const char *out,
                            const char *other_option, const char *other);

@@ -80,7 +80,8 @@ int cmd_extract(int argc, char **argv) {
         return cli_error(MN_USAGE, "extract: give one of --full, --triangles N, --error E");
     if (out == NULL)
         return cli_error(MN_USAGE, "extract: where to? give -o OUT.ply");
-    if (cli_output("extract", out, argv[optind]) != MN_OK)
+    if (cli_output("extract", out, argv[optind]) != MN_OK ||
+        cli_output_kind("extract", out, ".ply") != MN_OK)
         return MN_USAGE;
     temp_files temp;
     mn_status st = {0};

@@ -128,6 +128,8 @@ int cmd_make(int argc, char **argv) {
                          argv[optind]);
     if (out == NULL)
         return cli_error(MN_USAGE, "make: where to? give -o OUT.ply");
+    if (cli_output_kind("make", out, ".ply") != MN_OK)
+        return MN_USAGE;
     if (exaggerated > 0 && exaggeration <= 0)
         return cli_error(MN_USAGE, "make: --exaggeration '0' is not a factor above 0");
     desc.stride = (uint32_t)stride;

@@ -82,6 +82,8 @@ static int read_options(shoot *s, int argc, char **argv, bool *done) {
         code = session_options_output(&s->session, argv[0], s->out);
     if (code == MN_OK)
         code = cli_outputs_differ(argv[0], "-o", s->out, "--trace", s->session.desc.trace_path);
+    if (code == MN_OK)
+        code = cli_output_kind(argv[0], s->out, ".png");
     return code == MN_OK ? (int)cli_output_possible(s->out) : code;
 }
 

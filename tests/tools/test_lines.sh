@@ -128,6 +128,22 @@ for output in "make sphere -o -" "extract a.mnt --full -o -" "build in.ply -o -"
     says ': - is no output: name a file'
 done
 [ -e ./- ] && fail "a file named -"
+while read -r kind output; do # a name that promises another kind of file than is written
+    # shellcheck disable=SC2086
+    expect 2 $output -o "out.$kind"
+    says "no .$kind is what is written; give it a name that ends in ."
+    [ -e "out.$kind" ] && fail "a file named out.$kind"
+done <<'END'
+stl make sphere
+obj make sphere
+mnt extract a.mnt --full
+vdt build one.ply
+mnt simplify one.ply
+ply block a.mnt
+jpg shoot a.mnt
+END
+expect 0 make sphere --triangles 100 -o out.PLY
+expect 0 make sphere --triangles 100 -o out.mesh
 
 # --- a trace, from a frame that it has not, and to standard output
 expect 0 replay a.mnt --path orbit --frames 6 --fps 0 --io sim --trace t.trace
