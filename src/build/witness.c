@@ -1,4 +1,4 @@
-/* See witness.h. Hidden here: which points are witnesses, and which of too many go.
+/* See witness.h. Hidden here: which points are witnesses (of too many, thin.c).
  *
  * All coordinates of a measurement are relative to k, where the star's triangles meet. Which of
  * the points are nearest cannot be predicted, so nothing here branches on it. */
@@ -11,10 +11,12 @@
 #include "mem.h"
 #include "mn_assert.h"
 #include "star.h"
+#include "thin.h"
 
 enum { LEAF_TRIANGLES_MAX = 24 };
 _Static_assert(2 * (1 + LEAF_TRIANGLES_MAX) <= MNI_POINTS, "two leaves fit");
 _Static_assert((int)MNI_WITNESSES == (int)MNI_LANES, "a set is one row of lanes");
+_Static_assert((int)MNI_WITNESSES == (int)MNI_THIN_LEFT, "a set is what thinning leaves");
 _Static_assert(1 + LEAF_TRIANGLES_MAX + MNI_WITNESSES <= MNI_POINTS, "a leaf and a node fit");
 
 /* The scratch of one collapse. */
@@ -25,11 +27,10 @@ typedef struct mni_bench {
     uint32_t witnesses; /* points of `witness` that are no middles */
     uint32_t next;      /* of the ring, the first without a middle there */
     float slack[MNI_POINTS];
-    uint64_t mate[MNI_POINTS];      /* the nearest witness before it, as pair_key says */
-    float apart2[MNI_POINTS];       /* from one witness to each */
     uint32_t neighbour[MNI_POINTS]; /* of a middle: the ring vertex that it leads to */
     uint32_t home[MNI_POINTS];      /* of a witness, where k is a hub */
     mni_points one;
+    mni_thin *thin;
 } mni_bench;
 
 /* Chosen by trial on armadillo and nefertiti, and the first raised since collapses are chosen by
@@ -50,6 +51,7 @@ mn_code mni_witness_room(mni_witness_book *book, uint32_t vertices, uint32_t set
         return mn_fail(st, MN_FAILED, "out of memory while simplifying %u vertices", vertices);
     }
     mni_star_open(&book->bench->star);
+    book->bench->thin = mni_thin_best();
     return MN_OK;
 }
 
@@ -122,94 +124,8 @@ static void gather(mni_witness_book *book, const mni_vertex *vertex, uint32_t v,
     b->witness.count += count;
 }
 
-/* ---- too many ---- */
-
-/* Orders pairs by squared distance, then by number: floats that are not negative sort as their bits
- * do. */
-static inline uint64_t pair_key(float apart2, uint32_t number) {
-    uint32_t bits;
-    memcpy(&bits, &apart2, sizeof bits);
-    return (uint64_t)bits << 32 | number;
-}
-
-static inline uint64_t least_key(uint64_t a, uint64_t b) {
-    return a < b ? a : b;
-}
-
-/* apart2[0 … n): from witness i. */
-static inline void measure_apart(mni_bench *b, uint32_t i, uint32_t n) {
-    const mni_points *w = &b->witness;
-    float px = w->x[i], py = w->y[i], pz = w->z[i];
-    for (uint32_t at = 0; at < n; at += MNI_LANES)
-        for (uint32_t j = at; j < at + MNI_LANES; j++) {
-            float x = px - w->x[j], y = py - w->y[j], z = pz - w->z[j];
-            b->apart2[j] = x * x + y * y + z * z;
-        }
-}
-
-/* Finds i's nearest among the witnesses before it, in apart2[]. */
-static inline void find_mate(mni_bench *b, uint32_t i) {
-    uint64_t mate = pair_key(INFINITY, 0);
-    for (uint32_t j = 0; j < i; j++)
-        mate = least_key(mate, pair_key(b->apart2[j], j));
-    b->mate[i] = mate;
-}
-
-/* Drops witness `gone`; the one at `heir` answers for it, and the last one moves to its place. */
-static void drop(mni_bench *b, uint32_t gone, uint32_t heir) {
-    mni_points *w = &b->witness;
-    uint32_t last = --w->count;
-    float beyond = w->distance[gone] + b->slack[gone] - w->distance[heir];
-    if (beyond > b->slack[heir])
-        b->slack[heir] = beyond;
-    w->x[gone] = w->x[last];
-    w->y[gone] = w->y[last];
-    w->z[gone] = w->z[last];
-    w->distance[gone] = w->distance[last];
-    b->slack[gone] = b->slack[last];
-    b->home[gone] = b->home[last];
-}
-
-/* Witness `gone` is another now: its own mate, and those of the witnesses behind it. */
-static void mate_again(mni_bench *b, uint32_t gone) {
-    uint32_t n = b->witness.count;
-    if (gone >= n)
-        return;
-    measure_apart(b, gone, n);
-    find_mate(b, gone);
-    uint32_t bereft[MNI_POINTS], count = 0;
-    for (uint32_t i = gone + 1; i < n; i++) {
-        bool of_gone = (uint32_t)b->mate[i] == gone;
-        uint64_t key = pair_key(b->apart2[i], gone);
-        b->mate[i] = key >> 32 < b->mate[i] >> 32 ? key : b->mate[i];
-        bereft[count] = i;
-        count += of_gone;
-    }
-    for (uint32_t i = 0; i < count; i++) {
-        measure_apart(b, bereft[i], bereft[i]);
-        find_mate(b, bereft[i]);
-    }
-}
-
-/* Of the closest pair the one nearer to the surface goes, until few enough are left. */
 static void thin(mni_bench *b) {
-    if (b->witness.count <= MNI_WITNESSES)
-        return;
-    for (uint32_t i = 0; i < b->witness.count; i++) {
-        measure_apart(b, i, i);
-        find_mate(b, i);
-    }
-    while (b->witness.count > MNI_WITNESSES) {
-        uint64_t closest = UINT64_MAX;
-        for (uint32_t i = 1; i < b->witness.count; i++)
-            closest = least_key(closest, (b->mate[i] >> 32 << 32) | i);
-        uint32_t second = (uint32_t)closest, first = (uint32_t)b->mate[second];
-        bool first_nearer = b->witness.distance[first] + b->slack[first] <
-                            b->witness.distance[second] + b->slack[second];
-        uint32_t gone = first_nearer ? first : second;
-        drop(b, gone, first ^ second ^ gone);
-        mate_again(b, gone);
-    }
+    b->thin(&(mni_thin_set){&b->witness, b->slack, b->home});
 }
 
 /* What is left is k's set. */

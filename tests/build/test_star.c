@@ -1,5 +1,5 @@
 /* Goal: distances to a star are right, and the same bits at every width; so are the keys of a
- * vertex's candidates, and a wheel is what the list is.
+ * vertex's candidates and who stays of too many witnesses, and a wheel is what the list is.
  * Method: random fans of all kinds against the nearest place by brute force in double. */
 #include <check.h>
 #include <math.h>
@@ -9,6 +9,7 @@
 
 #include "simplify.h"
 #include "star.h"
+#include "thin.h"
 #include "tree_fixture.h"
 
 enum { RIM_MAX = 40, ROUNDS = 400 };
@@ -310,6 +311,82 @@ START_TEST(keys_are_costs) {
 }
 END_TEST
 
+typedef struct thinned {
+    mni_points points;
+    float slack[MNI_POINTS];
+    uint32_t home[MNI_POINTS];
+} thinned;
+
+/* On a grid, where most pairs are as close as others, or anywhere. */
+static void draw_thinned(thinned *t, bool grid) {
+    float *const of[3] = {t->points.x, t->points.y, t->points.z};
+    t->points.count = fixture_random(&random_state) % (MNI_POINTS / (1 + 3 * (uint32_t)grid) + 1);
+    for (uint32_t i = 0; i < t->points.count; i++) {
+        for (int c = 0; c < 3; c++)
+            of[c][i] = grid ? (float)(fixture_random(&random_state) % 4) : draw_unit();
+        t->points.distance[i] = grid ? (float)(fixture_random(&random_state) % 3) : draw_unit();
+        t->slack[i] = i % 2 == 0 ? 0 : draw_unit();
+        t->home[i] = i;
+    }
+}
+
+/* By force: of the closest pair the nearer one, until few are left. */
+static void thin_by_force(thinned *t) {
+    mni_points *w = &t->points;
+    while (w->count > MNI_THIN_LEFT) {
+        uint32_t a = 0, b = 1, last = w->count - 1;
+        float least = INFINITY;
+        for (uint32_t i = 0; i < w->count; i++)
+            for (uint32_t j = 0; j < i; j++) {
+                float x = w->x[i] - w->x[j], y = w->y[i] - w->y[j], z = w->z[i] - w->z[j];
+                float apart = x * x + y * y + z * z;
+                if (apart < least) {
+                    least = apart;
+                    a = i;
+                    b = j;
+                }
+            }
+        bool a_goes = !(w->distance[b] + t->slack[b] < w->distance[a] + t->slack[a]);
+        uint32_t gone = a_goes ? a : b, heir = a_goes ? b : a;
+        t->slack[heir] =
+            fmaxf(t->slack[heir], w->distance[gone] + t->slack[gone] - w->distance[heir]);
+        w->x[gone] = w->x[last], w->y[gone] = w->y[last], w->z[gone] = w->z[last];
+        w->distance[gone] = w->distance[last];
+        t->slack[gone] = t->slack[last];
+        t->home[gone] = t->home[last];
+        w->count--;
+    }
+}
+
+static void check_alike(const thinned *a, const thinned *b) {
+    uint32_t n = a->points.count;
+    ck_assert_uint_eq(n, b->points.count);
+    ck_assert_mem_eq(a->points.x, b->points.x, n * sizeof(float));
+    ck_assert_mem_eq(a->points.y, b->points.y, n * sizeof(float));
+    ck_assert_mem_eq(a->points.z, b->points.z, n * sizeof(float));
+    ck_assert_mem_eq(a->points.distance, b->points.distance, n * sizeof(float));
+    ck_assert_mem_eq(a->slack, b->slack, n * sizeof(float));
+    ck_assert_mem_eq(a->home, b->home, n * sizeof(uint32_t));
+}
+
+START_TEST(thinned_alike) {
+    static thinned wide, narrow, forced;
+    random_state = fixture_seed(17);
+    for (int i = 0; i < 20 * ROUNDS; i++) {
+        bool grid = i % 2 == 0;
+        draw_thinned(&wide, grid);
+        narrow = forced = wide;
+        mni_thin_best()(&(mni_thin_set){&wide.points, wide.slack, wide.home});
+        mni_thin_narrow(&(mni_thin_set){&narrow.points, narrow.slack, narrow.home});
+        check_alike(&wide, &narrow);
+        if (grid) /* which of equals goes is the program's affair */
+            continue;
+        thin_by_force(&forced);
+        check_alike(&wide, &forced);
+    }
+}
+END_TEST
+
 static void hash_bytes(uint64_t *hash, const void *bytes, size_t count) {
     for (size_t i = 0; i < count; i++)
         *hash = (*hash ^ ((const unsigned char *)bytes)[i]) * 0x100000001b3u;
@@ -356,6 +433,7 @@ int main(void) {
     tcase_add_test(tc, before_and_after);
     tcase_add_test(tc, wheels_are_lists);
     tcase_add_test(tc, keys_are_costs);
+    tcase_add_test(tc, thinned_alike);
     tcase_add_test(tc, same_tree_on_every_machine);
     suite_add_tcase(suite, tc);
     SRunner *runner = srunner_create(suite);
