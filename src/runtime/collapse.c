@@ -122,18 +122,18 @@ static void test_again(mni_navigator *nav, uint32_t fork) {
 /* Two nodes have become one, in the first's slot. Those that waited for one of them have higher
  * order ids, so their turn is still to come, and verdicts that stand; their nodes are asked for.
  * Neighbours of the two are the one's, and who is blocked by it waits for it, unseen: thousands
- * may, at a hub. Third corners of what died need not be its neighbours, in a lying file: whatever
- * they waited for, they look again. */
+ * may, at a hub. In a lying file some of them are no neighbours now: whatever they waited for, they
+ * look again. */
 static void wake(mni_navigator *nav, uint32_t slot, uint32_t other) {
     const mni_front *front = &nav->front;
-    const bool all = front->thirds > MNI_FRONT_THIRDS;
+    const bool all = front->lost_count > MNI_FRONT_LOST;
     const uint32_t free = all ? MN_NONE : front->node[slot].above;
     uint32_t fork;
     mni_waiting_pass(&nav->waiting, other, slot);
     while ((fork = mni_waiting_wake(&nav->waiting, slot, free)) != MN_NONE)
         test_again(nav, fork);
-    for (uint32_t i = 0; i < front->thirds && !all; i++) {
-        fork = front->node[front->third[i]].parent;
+    for (uint32_t i = 0; i < front->lost_count && !all; i++) {
+        fork = front->node[front->lost[i]].parent;
         if (fork == MNI_FRONT_NO_PARENT || !mni_waiting_has(&nav->waiting, fork))
             continue;
         mni_waiting_drop(&nav->waiting, fork);

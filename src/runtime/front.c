@@ -578,14 +578,14 @@ void mni_front_release(mni_front *f, uint32_t branch) {
 /* ---- collapse -------------------------------------------------------------------------------- */
 
 /* A simplex that both children hold dies: c is its corner at one of them, third the one at
- * neither. */
-static void simplex_kill(mni_front *f, uint32_t c, uint32_t third) {
+ * neither. lost: that may be no neighbour of what they become. */
+static void simplex_kill(mni_front *f, uint32_t c, uint32_t third, bool lost) {
     uint32_t slot = f->simplex_node[mni_corner_at(third)];
     if (slot != MN_NONE) {
         mni_corners_remove(f, slot, third);
         f->triangles--;
-        if (f->thirds++ < MNI_FRONT_THIRDS)
-            f->third[f->thirds - 1] = slot;
+        if (lost && f->lost_count++ < MNI_FRONT_LOST)
+            f->lost[f->lost_count - 1] = slot;
     }
     simplex_free(f, c / 4);
 }
@@ -593,13 +593,13 @@ static void simplex_kill(mni_front *f, uint32_t c, uint32_t third) {
 /* Kills what has a corner in both children, and hands the right one's other corners to the left.
  * Returns how many died. */
 static uint32_t records_join(mni_front *f, uint32_t left, uint32_t right) {
-    uint32_t third[MNI_FRONT_CORNERS], over[MNI_FRONT_CORNERS], over_count;
-    uint32_t killed = mni_ring_join(f, left, right, third, over, &over_count);
-    for (uint32_t i = 0; i < over_count; i++)
-        mni_corners_push(f, left, over[i]);
-    for (uint32_t i = 0; i < killed; i++)
-        simplex_kill(f, third[i], third[i]);
-    return killed;
+    mni_joined j;
+    mni_ring_join(f, left, right, &j);
+    for (uint32_t i = 0; i < j.over_count; i++)
+        mni_corners_push(f, left, j.over[i]);
+    for (uint32_t i = 0; i < j.died; i++)
+        simplex_kill(f, j.third[i], j.third[i], (j.lost >> i & 1) != 0);
+    return j.died;
 }
 
 static uint32_t corners_join(mni_front *f, uint32_t left, uint32_t right) {
@@ -616,7 +616,7 @@ static uint32_t corners_join(mni_front *f, uint32_t left, uint32_t right) {
                 continue;
             }
             mni_corners_remove(f, left, left_after ? after : before);
-            simplex_kill(f, *c, left_after ? before : after);
+            simplex_kill(f, *c, left_after ? before : after, true);
             killed++;
         }
     } while (mni_corners_next(f, &list));
@@ -631,7 +631,7 @@ static bool children_are_active(const mni_front_branch *b) {
 static void join(mni_front *f, uint32_t branch) {
     const mni_front_branch *b = &f->branch[branch];
     MN_ASSERT(mni_front_is_fork(f, branch) && b->child[0] == b->slot);
-    f->thirds = 0;
+    f->lost_count = 0;
     uint32_t slot = b->slot, right = b->child[1], killed = corners_join(f, slot, right);
     MN_ASSERT(killed == b->killed);
     f->ring_slot = MN_NONE;

@@ -20,7 +20,7 @@ enum {
     MNI_FRONT_NODES_MAX = 1 << 27,     /* × 16 words are 31 bits */
     MNI_FRONT_SIMPLICES_MAX = 1 << 29, /* × 4 likewise */
     MNI_FRONT_VIEWS = 64,              /* opened blocks at hand; a power of two */
-    MNI_FRONT_THIRDS = 8,    /* corners kept of those that a collapse kills: most kill two */
+    MNI_FRONT_LOST = 8, /* nodes that a collapse tells of: honest files have none, but at hubs */
     MNI_FRONT_NEAR_MAX = 64, /* corners looked through for a third corner before descending */
 };
 
@@ -178,9 +178,9 @@ typedef struct mni_front {
     uint32_t simplices_used;
     uint32_t active, triangles;
     uint32_t chunks_used;
-    /* slots of the third corners of what the last collapse killed: those may have lost a neighbour
-     */
-    uint32_t third[MNI_FRONT_THIRDS], thirds;
+    /* slots of third corners of what the last collapse killed: of all that may be no neighbours
+     * now, or of the first of those */
+    uint32_t lost[MNI_FRONT_LOST], lost_count;
     uint64_t version;            /* rises with every split and collapse that stays */
     uint64_t descents;           /* third corners not found among the neighbours looked through */
     uint64_t bad;                /* splits that met a bad block */

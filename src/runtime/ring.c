@@ -66,11 +66,19 @@ static void part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
     f->node[right].more = MNI_FRONT_SHORT + given_count;
 }
 
+static bool is_beside(const mni_front *f, const uint32_t *corner, uint32_t count, uint32_t slot) {
+    for (uint32_t i = 0; i < count; i++)
+        if (mni_corner_slot(f, mni_corner_after(corner[i])) == slot ||
+            mni_corner_slot(f, mni_corner_before(corner[i])) == slot)
+            return true;
+    return false;
+}
+
 /* Of each record: which corners die, and of those the third corner. Then all that live, packed. */
-static uint32_t join(mni_front *f, uint32_t left, uint32_t right, uint32_t *third, uint32_t *over,
-                     uint32_t *over_count) {
-    uint32_t kept[2 * HALF] = {0}, count = 0, died = 0;
+static void join(mni_front *f, uint32_t left, uint32_t right, mni_joined *j) {
+    uint32_t kept[2 * HALF] = {0}, count = 0;
     mni_ring ring;
+    j->died = j->lost = 0;
     for (int side = 0; side < 2; side++) {
         const uint32_t *corner = f->node[side ? right : left].corner;
         uint32_t other = side ? left : right;
@@ -82,15 +90,17 @@ static uint32_t join(mni_front *f, uint32_t left, uint32_t right, uint32_t *thir
                 if (side == 1)
                     give(f, corner[i], left);
             } else if (side == 1) {
-                third[died++] = after ? mni_corner_before(corner[i]) : mni_corner_after(corner[i]);
+                j->third[j->died++] =
+                    after ? mni_corner_before(corner[i]) : mni_corner_after(corner[i]);
             }
         }
     }
+    for (uint32_t i = 0; i < j->died; i++)
+        j->lost |= (uint32_t)!is_beside(f, kept, count, mni_corner_slot(f, j->third[i])) << i;
     memcpy(f->node[left].corner, kept, HALF * sizeof *kept);
-    memcpy(over, kept + HALF, HALF * sizeof *kept);
-    *over_count = count < HALF ? 0 : count - HALF;
-    f->node[left].more = MNI_FRONT_SHORT + count - *over_count;
-    return died;
+    memcpy(j->over, kept + HALF, HALF * sizeof *kept);
+    j->over_count = count < HALF ? 0 : count - HALF;
+    f->node[left].more = MNI_FRONT_SHORT + count - j->over_count;
 }
 
 /* ---- vectors --------------------------------------------------------------------------------- */
@@ -248,37 +258,47 @@ FAST static inline __m256i chain_fast(__m256i a, uint32_t count, __m256i b, __m2
     return _mm256_blendv_epi8(a, turned, of_b);
 }
 
-FAST static uint32_t join_fast(mni_front *f, uint32_t left, uint32_t right, uint32_t *third,
-                               uint32_t *over, uint32_t *over_count) {
-    __m256i zero = _mm256_setzero_si256(), corner = corners_fast(f, left), beyond;
-    __m256i gone = _mm256_set1_epi32((int)right);
-    vectors v = look_fast(f, corner);
-    uint32_t empty = equal_fast(corner, zero);
-    uint32_t dies = equal_fast(v.after, gone) | equal_fast(v.before, gone);
-    uint32_t lives = 0xff & ~(dies | empty), count = (uint32_t)__builtin_popcount(lives);
-    __m256i kept = pack_fast(corner, lives);
+/* Lanes of a ring in which one stands. */
+FAST static inline uint32_t lanes_of(vectors v, uint32_t slot) {
+    const __m256i one = _mm256_set1_epi32((int)slot);
+    return bits_of(
+        _mm256_or_si256(_mm256_cmpeq_epi32(v.after, one), _mm256_cmpeq_epi32(v.before, one)));
+}
 
-    corner = corners_fast(f, right);
-    gone = _mm256_set1_epi32((int)left);
-    v = look_fast(f, corner);
-    empty = equal_fast(corner, zero);
-    __m256i after = _mm256_cmpeq_epi32(v.after, gone);
-    dies = bits_of(_mm256_or_si256(after, _mm256_cmpeq_epi32(v.before, gone)));
-    lives = 0xff & ~(dies | empty);
-    __m256i thirds = _mm256_blendv_epi8(after_fast(corner), before_fast(corner), after);
-    _mm256_storeu_si256((__m256i *)(void *)third, pack_fast(thirds, dies));
+FAST static void join_fast(mni_front *f, uint32_t left, uint32_t right, mni_joined *j) {
+    const __m256i zero = _mm256_setzero_si256(), of_left = corners_fast(f, left);
+    const vectors l = look_fast(f, of_left);
+    const uint32_t stay = 0xff & ~(lanes_of(l, right) | equal_fast(of_left, zero));
 
-    uint32_t given[HALF], more = (uint32_t)__builtin_popcount(lives), both = count + more;
-    __m256i gives = pack_fast(corner, lives);
+    const __m256i corner = corners_fast(f, right), gone = _mm256_set1_epi32((int)left);
+    const vectors r = look_fast(f, corner);
+    const __m256i after = _mm256_cmpeq_epi32(r.after, gone);
+    const uint32_t dies = bits_of(_mm256_or_si256(after, _mm256_cmpeq_epi32(r.before, gone)));
+    const uint32_t lives = 0xff & ~(dies | equal_fast(corner, zero));
+    const __m256i thirds = _mm256_blendv_epi8(after_fast(corner), before_fast(corner), after);
+    _mm256_storeu_si256((__m256i *)(void *)j->third, pack_fast(thirds, dies));
+    j->died = (uint32_t)__builtin_popcount(dies);
+
+    uint32_t third[HALF], given[HALF];
+    const __m256i slots = _mm256_blendv_epi8(r.after, r.before, after);
+    _mm256_storeu_si256((__m256i *)(void *)third, pack_fast(slots, dies));
+    j->lost = 0;
+    for (uint32_t i = 0; i < j->died; i++)
+        j->lost |= (uint32_t) !((lanes_of(l, third[i]) & stay) | (lanes_of(r, third[i]) & lives))
+                   << i;
+
+    const uint32_t count = (uint32_t)__builtin_popcount(stay);
+    const uint32_t more = (uint32_t)__builtin_popcount(lives), both = count + more;
+    const __m256i gives = pack_fast(corner, lives);
+    __m256i beyond;
     _mm256_storeu_si256((__m256i *)(void *)given, gives);
     _mm256_storeu_si256((__m256i *)(void *)f->node[left].corner,
-                        chain_fast(kept, count, gives, &beyond));
-    _mm256_storeu_si256((__m256i *)(void *)over, beyond);
-    *over_count = both < HALF ? 0 : both - HALF;
-    f->node[left].more = MNI_FRONT_SHORT + both - *over_count;
+                        chain_fast(pack_fast(of_left, stay), count, gives, &beyond));
+    _mm256_storeu_si256((__m256i *)(void *)j->over, beyond);
+    j->over_count = both < HALF ? 0 : both - HALF;
+    f->node[left].more = MNI_FRONT_SHORT + both - j->over_count;
     for (uint32_t i = 0; i < more; i++)
         give(f, given[i], left);
-    return (uint32_t)__builtin_popcount(dies);
 }
 
 FAST static uint32_t place_fast(const mni_front *f, uint32_t slot, uint32_t corner) {
@@ -292,7 +312,7 @@ FAST static uint32_t place_fast(const mni_front *f, uint32_t slot, uint32_t corn
 #define collapse_fast(f, rings, order) 0
 #define find_fast(f, ring, leaf) 0
 #define part_fast(f, slot, right, mid) (void)0
-#define join_fast(f, left, right, third, over, over_count) 0
+#define join_fast(f, left, right, j) (void)0
 #define place_fast(f, slot, corner) 0
 #endif
 
@@ -350,12 +370,12 @@ void mni_ring_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
         part(f, slot, right, mid);
 }
 
-uint32_t mni_ring_join(mni_front *f, uint32_t left, uint32_t right,
-                       uint32_t third[MNI_FRONT_CORNERS], uint32_t over[MNI_FRONT_CORNERS],
-                       uint32_t *over_count) {
+void mni_ring_join(mni_front *f, uint32_t left, uint32_t right, mni_joined *j) {
     MN_ASSERT(!mni_front_is_long(&f->node[left]) && !mni_front_is_long(&f->node[right]));
-    return f->vectors ? join_fast(f, left, right, third, over, over_count)
-                      : join(f, left, right, third, over, over_count);
+    if (f->vectors)
+        join_fast(f, left, right, j);
+    else
+        join(f, left, right, j);
 }
 
 uint32_t mni_ring_place(const mni_front *f, uint32_t slot, uint32_t corner) {

@@ -61,12 +61,15 @@ uint32_t mni_ring_block_collapse(const mni_front *front, const mni_rings *rings,
 uint32_t mni_ring_find(const mni_front *front, const mni_ring *ring, uint32_t leaf);
 /* A split's: corners of leaves from mid on go to the right child, whose record is empty. */
 void mni_ring_part(mni_front *front, uint32_t slot, uint32_t right, uint32_t mid);
-/* A collapse's: the left child has the corners of both, but those of simplices that have one in
- * each. Of these, whose number it returns, third has the corner in neither. Corners for which the
- * record has no room: over[0 … *over_count). */
-uint32_t mni_ring_join(mni_front *front, uint32_t left, uint32_t right,
-                       uint32_t third[MNI_FRONT_CORNERS], uint32_t over[MNI_FRONT_CORNERS],
-                       uint32_t *over_count);
+/* Of a collapse: the corner that is in neither child, of each simplex with one in both, which dies;
+ * and those for which the record has no room. */
+typedef struct mni_joined {
+    uint32_t died, third[MNI_FRONT_CORNERS];
+    uint32_t lost; /* a bit each: that node has no other simplex with one of the two */
+    uint32_t over_count, over[MNI_FRONT_CORNERS];
+} mni_joined;
+/* A collapse's: the left child has the corners of both, but those of what dies. */
+void mni_ring_join(mni_front *front, uint32_t left, uint32_t right, mni_joined *joined);
 /* Where in the record the corner stands; MNI_FRONT_CORNERS: nowhere. */
 uint32_t mni_ring_place(const mni_front *front, uint32_t slot, uint32_t corner);
 

@@ -58,6 +58,8 @@ static uint32_t meld(mni_waiting *w, uint32_t a, uint32_t b) {
 /* The heaps of a list are one: in pairs from the front, then all from the back. */
 static uint32_t meld_list(mni_waiting *w, uint32_t first) {
     uint32_t pairs = 0, all = 0;
+    if (first == 0 || at(w, first)->wait_next == 0)
+        return first;
     while (first != 0) {
         const uint32_t second = at(w, first)->wait_next;
         const uint32_t rest = second != 0 ? at(w, second)->wait_next : 0;
@@ -91,11 +93,9 @@ void mni_waiting_add(mni_waiting *w, uint32_t fork, uint32_t slot) {
     w->count++;
 }
 
-void mni_waiting_drop(mni_waiting *w, uint32_t fork) {
+void mni_waiting_drop_some(mni_waiting *w, uint32_t fork) {
     mni_front_branch *gone = &w->front->branch[fork];
     const uint32_t before = gone->wait_before, next = gone->wait_next;
-    if (before == 0)
-        return;
     const uint32_t heap = meld_list(w, gone->wait_below);
     if (before & SLOT) {
         hang(w, (before & ~SLOT) - 1, heap);
@@ -117,17 +117,20 @@ void mni_waiting_drop(mni_waiting *w, uint32_t fork) {
     w->count--;
 }
 
-void mni_waiting_pass(mni_waiting *w, uint32_t from, uint32_t to) {
+void mni_waiting_pass_some(mni_waiting *w, uint32_t from, uint32_t to) {
     const uint32_t heap = w->front->node[from].waits;
     w->front->node[from].waits = 0;
     hang(w, to, meld(w, heap, w->front->node[to].waits));
 }
 
-uint32_t mni_waiting_wake(mni_waiting *w, uint32_t slot, uint32_t order) {
+uint32_t mni_waiting_wake_some(mni_waiting *w, uint32_t slot, uint32_t order) {
     const uint32_t top = w->front->node[slot].waits;
-    if (top == 0 || at(w, top)->order > order)
+    mni_front_branch *first = at(w, top);
+    if (first->order > order)
         return MN_NONE;
-    mni_waiting_drop(w, top - 1);
+    hang(w, slot, meld_list(w, first->wait_below));
+    first->wait_before = 0;
+    w->count--;
     return top - 1;
 }
 

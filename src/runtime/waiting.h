@@ -15,13 +15,25 @@ static inline bool mni_waiting_has(const mni_waiting *waiting, uint32_t fork) {
 /* In an opened front, of which nobody waits. */
 void mni_waiting_open(mni_waiting *waiting, mni_front *front);
 void mni_waiting_add(mni_waiting *waiting, uint32_t fork, uint32_t slot);
+void mni_waiting_drop_some(mni_waiting *waiting, uint32_t fork);
 /* It waits no longer, if it did. */
-void mni_waiting_drop(mni_waiting *waiting, uint32_t fork);
+static inline void mni_waiting_drop(mni_waiting *waiting, uint32_t fork) {
+    if (mni_waiting_has(waiting, fork))
+        mni_waiting_drop_some(waiting, fork);
+}
+void mni_waiting_pass_some(mni_waiting *waiting, uint32_t from, uint32_t to);
 /* Who waits for the node of one slot waits for that of another. */
-void mni_waiting_pass(mni_waiting *waiting, uint32_t from, uint32_t to);
+static inline void mni_waiting_pass(mni_waiting *waiting, uint32_t from, uint32_t to) {
+    if (waiting->front->node[from].waits != 0)
+        mni_waiting_pass_some(waiting, from, to);
+}
+uint32_t mni_waiting_wake_some(mni_waiting *waiting, uint32_t slot, uint32_t order);
 /* Of those that wait for a slot's node the one of the least order id, if that is no more than
  * `order`, waits no longer: that fork, or MN_NONE. */
-uint32_t mni_waiting_wake(mni_waiting *waiting, uint32_t slot, uint32_t order);
+static inline uint32_t mni_waiting_wake(mni_waiting *waiting, uint32_t slot, uint32_t order) {
+    return waiting->front->node[slot].waits == 0 ? MN_NONE
+                                                 : mni_waiting_wake_some(waiting, slot, order);
+}
 /* The first of those that wait for a slot's node to go, asked for ahead of time. */
 static inline void mni_waiting_fetch(const mni_waiting *w, uint32_t slot) {
     const uint32_t first = w->front->node[slot].waits;

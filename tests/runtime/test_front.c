@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "mn_assert.h"
+#include "corners.h"
 #include "frame.h"
 #include "front_rig.h"
 #include "suite.h"
@@ -404,6 +405,7 @@ START_TEST(vectors_do_what_loops_do) {
             if (blocker == MN_NONE) {
                 ck_assert_int_eq(mni_front_collapse(&a.front, fork), MNI_DONE);
                 ck_assert_int_eq(mni_front_collapse(&b.front, fork), MNI_DONE);
+                ck_assert_uint_eq(a.front.lost_count, b.front.lost_count);
             }
         }
         ck_assert_uint_eq(a.front.slots_high, b.front.slots_high);
@@ -416,6 +418,64 @@ START_TEST(vectors_do_what_loops_do) {
     mni_arena_close(&b.arena);
     free(b.usage);
     rig_close(&a);
+}
+END_TEST
+
+/* Another node than the two in a slot's simplices is taken out of some. */
+static void tear(mni_front *f, uint32_t slot, uint32_t other) {
+    for (int i = 0; i < MNI_FRONT_CORNERS && f->node[slot].corner[i] != 0; i++)
+        for (int k = 0; k < 2; k++) {
+            const uint32_t c = f->node[slot].corner[i];
+            const uint32_t next = k == 0 ? mni_corner_after(c) : mni_corner_before(c);
+            if (mni_corner_slot(f, next) != other && model_random() % 2 == 0)
+                f->simplex_node[mni_corner_at(next)] = MN_NONE;
+        }
+}
+
+static bool is_next_to(const mni_front *f, const uint32_t *corner, uint32_t slot) {
+    for (int i = 0; i < MNI_FRONT_CORNERS && corner[i] != 0; i++)
+        if (mni_corner_slot(f, mni_corner_after(corner[i])) == slot ||
+            mni_corner_slot(f, mni_corner_before(corner[i])) == slot)
+            return true;
+    return false;
+}
+
+/* Whoever a collapse parts from both of its nodes is told, and nobody else, in a front that does
+ * not hold together as well: a lying file makes such. */
+START_TEST(who_is_lost_is_told) {
+    static mni_front_node node[2000];
+    static uint32_t corner[3 * 8000];
+    uint32_t lost = 0, found = 0;
+    rig r;
+    rig_open(&r, MODEL_GLOBE, 1500, &levels_5);
+    refine_fully(&r);
+    mni_front *f = &r.front;
+    ck_assert(f->slots_high <= 2000 && f->simplices_high <= 8000);
+    f->vectors = f->vectors && _i == 0;
+    for (uint32_t b = 0; b < f->slots_high; b++) {
+        const uint32_t left = f->branch[b].child[0], right = f->branch[b].child[1];
+        if (!mni_front_is_fork(f, b) || mni_front_is_long(&f->node[left]) ||
+            mni_front_is_long(&f->node[right]))
+            continue;
+        memcpy(node, f->node, f->slots_high * sizeof *node);
+        memcpy(corner, f->simplex_node, 3 * f->simplices_high * sizeof *corner);
+        tear(f, left, right);
+        tear(f, right, left);
+        mni_joined j;
+        mni_ring_join(f, left, right, &j);
+        for (uint32_t i = 0; i < j.died; i++) {
+            const uint32_t slot = mni_corner_slot(f, j.third[i]);
+            const bool stays = is_next_to(f, f->node[left].corner, slot) ||
+                               (j.over_count > 0 && is_next_to(f, j.over, slot));
+            ck_assert_uint_eq(j.lost >> i & 1, !stays);
+            lost += !stays;
+            found += stays;
+        }
+        memcpy(f->node, node, f->slots_high * sizeof *node);
+        memcpy(f->simplex_node, corner, 3 * f->simplices_high * sizeof *corner);
+    }
+    ck_assert_msg(lost > 20 && found > 20, "%u lost, %u not", lost, found);
+    rig_close(&r);
 }
 END_TEST
 
@@ -608,6 +668,7 @@ int main(void) {
     tcase_add_test(tc, leaves);
     tcase_add_test(tc, stamps);
     tcase_add_loop_test(tc, vectors_do_what_loops_do, 0, MODEL_SHAPES);
+    tcase_add_loop_test(tc, who_is_lost_is_told, 0, 2);
     tcase_add_test(tc, room);
     tcase_add_loop_test(tc, what_both_blocks_say_must_agree, 0, LIES);
     suite_add_tcase(suite, tc);
