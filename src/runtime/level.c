@@ -16,6 +16,12 @@
  * what stood before holds the room; hence strides. Where the frame has made most of its front from
  * nothing, it does not, and the level goes there at once.)
  *
+ * Where the eye is in a node's sphere nobody knows how far its triangles are. They are taken to be
+ * as near as a millionth of the model, and so whatever is not leaves or flat is wanted by any
+ * tolerance: of a hub's 10,000 slivers, each as long as the eye is away, more than a small front
+ * holds. So as the tolerance gives way they are taken to be farther as well, and faster: what is
+ * known to be near comes first. Both rise with the level, so what fits at one fits at every higher.
+ *
  * Pure functions on plain data; Navigate only. Paper: none; design.md §4, "Degrading". */
 #include "level.h"
 
@@ -24,6 +30,9 @@
 #include "mn_assert.h"
 
 enum { UNKNOWN = MNI_LEVEL_MAX + 1 };
+/* The distance of a node whose sphere holds the eye rises with this power of the tolerance, up to
+ * 2^14 millionths of the model's radius: the dive comes down to 20,000. */
+enum { REACH_EXPONENT = 4, REACH_DOUBLINGS_MAX = 14 };
 
 /* While the camera moves so much room is left: at the rim every frame would refuse something. */
 static const double FILL_MOVING = 0.97;
@@ -34,6 +43,11 @@ void mni_level_open(mni_level *l) {
 
 double mni_level_tolerance(const mni_level *l, double tolerance_px) {
     return tolerance_px * exp2((double)l->level / MNI_LEVELS_A_DOUBLING);
+}
+
+double mni_level_reach(const mni_level *l) {
+    const double doublings = (double)l->level / MNI_LEVELS_A_DOUBLING;
+    return exp2(fmin(REACH_EXPONENT * doublings, REACH_DOUBLINGS_MAX));
 }
 
 static int least(int a, int b) {

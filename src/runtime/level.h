@@ -34,6 +34,9 @@ typedef struct mni_level_signs {
 void mni_level_open(mni_level *level);
 /* The tolerance at the level. */
 double mni_level_tolerance(const mni_level *level, double tolerance_px);
+/* By how much farther, at the level, a node is taken to be whose sphere holds the eye: 1 to 2^14.
+ */
+double mni_level_reach(const mni_level *level);
 /* The level for the next frame, after one at tolerance_px (as asked for). */
 void mni_level_next(mni_level *level, double tolerance_px, const mni_level_signs *signs);
 

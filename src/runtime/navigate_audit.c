@@ -121,16 +121,23 @@ static double nearest_drawn(const mni_navigator *nav) {
 /* The switch value seen at the nearest point of the node's sphere, as what is wanted has it, and
  * the grid's error at the nearest point beneath it: no point of the input is nearer than what is
  * drawn less the switch value. The sphere of a node with wide triangles may hold the eye though all
- * of them are far from it. */
-static double node_error_px(const mni_lens *lens, const mni_bounds *node, double grid_px,
+ * of them are far from it: so of nodes that are wanted, and stand for want of a block or of room,
+ * the switch value counts as near as that too. */
+static double node_error_px(const mni_navigator *nav, const mni_bounds *node, double grid_px,
                             double drawn) {
-    const double least = drawn - (double)node->switch_value;
-    return mni_lens_error_px(lens, node) + grid_px / greater(mni_lens_nearest(lens, node), least);
+    const mni_lens *lens = &nav->lens;
+    const double least = nav->size * MNI_DISTANCE_SHARE, value = (double)node->switch_value;
+    const double sphere = greater(mni_lens_to_sphere(lens, node), least);
+    const double near = greater(sphere, drawn - value);
+    double error_px = lens->scale_px * value / sphere;
+    if (error_px > lens->tolerance_px)
+        error_px = greater(lens->tolerance_px, lens->scale_px * value / near);
+    return error_px + grid_px / near;
 }
 
 double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
     const mni_lens *lens = &nav->lens;
-    const double drawn = greater(nearest_drawn(nav), lens->distance_min);
+    const double drawn = greater(nearest_drawn(nav), nav->size * MNI_DISTANCE_SHARE);
     const double grid_px = lens->scale_px * (double)mn_grid_error(nav->front.header->grid_step);
     double most =
         grid_px / drawn; /* beneath leaves: their triangles are drawn, and have no sphere */
@@ -139,7 +146,7 @@ double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
         if (!mni_front_is_active(&nav->front, slot))
             continue;
         const mni_bounds bounds = mni_front_bounds(&nav->front, slot);
-        const double error_px = node_error_px(lens, &bounds, grid_px, drawn);
+        const double error_px = node_error_px(nav, &bounds, grid_px, drawn);
         if (error_px <= most || !mni_lens_inside(lens, &bounds))
             continue;
         *inside_px = fmax(*inside_px, error_px);

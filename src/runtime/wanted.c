@@ -110,7 +110,7 @@ void mni_lens_make(mni_lens *lens, const mn_camera *camera, uint32_t width_px, u
     for (int i = 0; i < 5; i++)
         unit(lens->plane[i]);
     lens->scale_px = height_px / (2 * tan_y);
-    lens->distance_min = size > 0 ? size * 1e-6 : 1e-30;
+    lens->distance_min = size > 0 ? size * MNI_DISTANCE_SHARE : 1e-30;
     lens->tolerance_px = tolerance_px;
     const double back[3] = {-forward[0], -forward[1], -forward[2]};
     weigh(lens, weights != NULL ? weights : &defaults, right, up, back);
@@ -122,8 +122,12 @@ static double distance_to(const mni_lens *lens, const float position[3]) {
     return sqrt(dot(d, d));
 }
 
+double mni_lens_to_sphere(const mni_lens *lens, const mni_bounds *node) {
+    return distance_to(lens, node->position) - (double)node->radius;
+}
+
 double mni_lens_nearest(const mni_lens *lens, const mni_bounds *node) {
-    double nearest = distance_to(lens, node->position) - (double)node->radius;
+    double nearest = mni_lens_to_sphere(lens, node);
     return nearest < lens->distance_min ? lens->distance_min : nearest;
 }
 

@@ -10,6 +10,8 @@
  * coarser. */
 enum { MNI_WANTED_OUTSIDE = 16, MNI_WANTED_AWAY = 8 };
 
+#define MNI_DISTANCE_SHARE 1e-6
+
 /* A camera, prepared. Plain data: copy at will. */
 typedef struct mni_lens {
     double eye[3];
@@ -29,15 +31,17 @@ typedef struct mni_bounds {
     mn_cone cone;
 } mni_bounds;
 
-/* size: a length of the model (its radius), from which distance_min is taken. weights: NULL: the
- * defaults. */
+/* size: a length of the model (its radius), or, where the tolerance has given way, a multiple of it
+ * (mni_level_reach): distance_min is MNI_DISTANCE_SHARE of it. weights: NULL: the defaults. */
 void mni_lens_make(mni_lens *lens, const mn_camera *camera, uint32_t width_px, uint32_t height_px,
                    double size, double tolerance_px, const mn_weights *weights);
 /* Does anything weigh more than 1? Then decisions take longer. */
 static inline bool mni_lens_tightens(const mni_lens *lens) {
     return lens->most > 1;
 }
-/* From the eye to the sphere, distance_min at least. */
+/* From the eye to the sphere; 0 and less: it holds the eye. */
+double mni_lens_to_sphere(const mni_lens *lens, const mni_bounds *node);
+/* The same, distance_min at least. */
 double mni_lens_nearest(const mni_lens *lens, const mni_bounds *node);
 /* The switch value in pixels, at the nearest point of the sphere. */
 double mni_lens_error_px(const mni_lens *lens, const mni_bounds *node);
