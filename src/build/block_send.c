@@ -7,8 +7,8 @@
  *
  * After a failure the jobs that follow are passed over, so what is told is the first failure in the
  * order of the jobs, however the threads ran.
- * Order: open, post and drain, close. Threads: the caller's and one of its own. Memory: two drafts
- * of a block, a few roots, a block, a subtree's rows. Paper: none. */
+ * Order: open, post and drain, close. Threads: the caller's and one of its own. Memory: three
+ * drafts of a block, a few roots, a block, a subtree's rows. Paper: none. */
 #include "block_send.h"
 
 #include <stdlib.h>

@@ -33,8 +33,8 @@ typedef struct mni_kept_job {
     uint32_t exits_capacity, refs_capacity;
 } mni_kept_job;
 enum {
-    MNI_JOBS = 8,        /* that wait or are in work, at most */
-    MNI_JOBS_DRAFTS = 2, /* of them with a draft, which are the largest */
+    MNI_JOBS = 16,       /* that wait or are in work, at most */
+    MNI_JOBS_DRAFTS = 3, /* of them with a draft, which are the largest */
 };
 
 typedef struct mni_sender {

@@ -6,7 +6,7 @@
  *   levels   so many for each node of a full block: two drafts with the exits, a run each
  *
  * To these come the pages of the tree that a thread keeps to itself. A thread beside the packer has
- * copies of two drafts: where the cap has no room for them there is none. All were measured, as
+ * copies of three drafts: where the cap has no room for them there is none. All were measured, as
  * peaks of the process: models of 0.1 to 0.7 M vertices with and without colours, 8, 9 and 16 bits
  * a position, blocks of 4 KiB to 1 MiB, 10 to 16 levels. Memory: none. */
 #include "need_block.h"
@@ -20,12 +20,12 @@
 enum {
     MEASURES_BYTES = 3 << 19,
     PACKED_TIMES = 60, /* 35 to 57 were seen */
-    PACKED_TIMES_THREAD = 44,
-    PACKED_NODE_BYTES = 1200, /* of a tree that fits a block: at most 930 */
-    PACKED_NODE_THREAD = 800, /* 650 */
-    LEVELS_NODE_BYTES = 1700, /* 1,600 where all that can be are exits */
-    LEVELS_NODE_THREAD = 700, /* 550 */
-    NEAR_BYTES = 1 << 18,     /* a thread's own pages of the tree */
+    PACKED_TIMES_THREAD = 66,
+    PACKED_NODE_BYTES = 1200,  /* of a tree that fits a block: at most 930 */
+    PACKED_NODE_THREAD = 1200, /* 980 */
+    LEVELS_NODE_BYTES = 1700,  /* 1,600 where all that can be are exits */
+    LEVELS_NODE_THREAD = 1050, /* 830 */
+    NEAR_BYTES = 1 << 18,      /* a thread's own pages of the tree */
     THREAD_BYTES = (1 << 18) + NEAR_BYTES,
 };
 
