@@ -3,10 +3,17 @@
  * passed that vertex:
  *
  *     triangle a < b < c at a:   ab, ac   belong here
- *                                bc       waits for b, in a heap
+ *                                bc       waits for b
+ *
+ * Who waits stands in a list: of b itself where the sweep is in b's range of vertices, else of that
+ * range, whose edges are handed to their vertices when the sweep comes there. With as many ranges
+ * as a range has vertices both tables are short, and nothing is compared.
+ *
+ *     ranges      [ done | now |  ·  |  ·  ]──► edge ──► edge
+ *     vertices of now  [ · · ▲ · · · ]──► edge ──► edge
  *
  * Vertices near each other have near numbers, so that few edges wait at a time: hundreds of
- * thousands for the globe of 18,653,760 triangles. What the heap has no room for, and all edges of
+ * thousands for the globe of 18,653,760 triangles. What there is no room for, and all edges of
  * a vertex with too many, goes to a sort, and is looked at after the sweep. One edge of a vertex
  * there means all of them: a bit says so, shared by vertices with the same hash, since too many
  * there do no harm.
@@ -14,7 +21,7 @@
  * Of the triangles that use a directed edge, all but the input's first are misoriented; a triangle
  * that is so at several edges counts once, hence the sort of their numbers.
  *
- * Secret: the heap. Memory: shares of work_bytes, for it and two sorts. One thread at a time.
+ * Secret: the lists. Memory: shares of work_bytes, for them and two sorts. One thread at a time.
  * (design.md §3.1) */
 #include "extintake.h"
 
@@ -27,13 +34,14 @@
 
 enum {
     GROUP_MAX = 64,  /* edges of one vertex that are sorted here; most have three */
-    LATE_SHARE = 16, /* of the heap's memory: the bits */
+    LATE_SHARE = 16, /* of the lists' memory: the bits */
 };
 
 typedef struct waiting {
     uint32_t smaller;
     uint32_t end;      /* larger vertex << 1 | runs from larger to smaller */
     uint32_t triangle; /* its number */
+    uint32_t next;     /* of its list; MN_NONE: the last */
 } waiting;
 
 typedef struct edge { /* in the sort */
@@ -42,9 +50,11 @@ typedef struct edge { /* in the sort */
 } __attribute__((packed, aligned(4))) edge;
 
 struct mni_ext_edges {
-    waiting *heap; /* by smaller */
-    uint32_t count, max;
-    uint64_t *late; /* bits */
+    waiting *edge;
+    uint32_t used, max;                                /* of them; used: ever */
+    uint32_t unused;                                   /* the first of those that wait no more */
+    uint32_t *at_vertex, *in_range, range_bits, range; /* the range that the sweep is in */
+    uint64_t *late;                                    /* bits */
     uint64_t late_bits;
     uint32_t vertex; /* whose edges are in the group */
     uint32_t group_count;
@@ -78,8 +88,13 @@ static const unsigned char *unpack(const void *context, const unsigned char *fro
 
 bool mni_ext_edges_open(mni_extintake *x) {
     static const mni_sort_packing packing = {3 * MNI_VARINT32_MAX, pack, unpack, NULL};
-    uint64_t bytes = mni_ext_share(x, MNI_EXT_EDGES_SHARE) - sizeof *x->edges;
-    uint64_t words = bytes / LATE_SHARE / sizeof(uint64_t);
+    const uint64_t bytes = mni_ext_share(x, MNI_EXT_EDGES_SHARE) - sizeof *x->edges,
+                   words = bytes / LATE_SHARE / sizeof(uint64_t);
+    uint32_t bits = 0;
+    while (x->result.vertices >> 2 * bits > 0)
+        bits++;
+    const uint64_t tables = (UINT64_C(1) << bits) + (x->result.vertices >> bits) + 1;
+    MN_ASSERT(words * sizeof(uint64_t) + tables * sizeof(uint32_t) < bytes);
     mni_ext_edges *e = x->edges = calloc(1, sizeof *e + bytes);
     if (e == NULL) {
         mn_fail(x->st, MN_FAILED, "%s: no memory", x->name);
@@ -87,8 +102,14 @@ bool mni_ext_edges_open(mni_extintake *x) {
     }
     e->late = (uint64_t *)(void *)(e + 1);
     e->late_bits = 64 * words;
-    e->heap = (waiting *)(void *)(e->late + words);
-    e->max = (uint32_t)((bytes - words * sizeof(uint64_t)) / sizeof(waiting));
+    e->at_vertex = (uint32_t *)(void *)(e->late + words);
+    e->in_range = e->at_vertex + (UINT64_C(1) << bits);
+    e->edge = (waiting *)(void *)(e->at_vertex + tables);
+    e->max = (uint32_t)((bytes - words * sizeof(uint64_t) - tables * sizeof(uint32_t)) /
+                        sizeof(waiting));
+    e->unused = MN_NONE;
+    e->range_bits = bits;
+    memset(e->at_vertex, 0xff, tables * sizeof(uint32_t));
     const mni_sort_desc late = {.record_bytes = sizeof(edge),
                                 .key = MNI_SORT_U64,
                                 .packing = &packing,
@@ -181,52 +202,66 @@ static void begin_group(mni_ext_edges *e, uint32_t vertex) {
     e->heavy = e->late[bit / 64] >> bit % 64 & 1;
 }
 
-/* ---- the heap -------------------------------------------------------------------------------- */
+/* ---- who waits ------------------------------------------------------------------------------- */
+
+/* Where the list begins that an edge of that vertex waits in. */
+static uint32_t *list_of(mni_ext_edges *e, uint32_t vertex) {
+    const uint32_t range = vertex >> e->range_bits;
+    return range == e->range ? &e->at_vertex[vertex - (range << e->range_bits)]
+                             : &e->in_range[range];
+}
 
 static void push(mni_ext_edges *e, const waiting *w) {
-    if (e->count == e->max) {
+    uint32_t at = e->unused, *list = list_of(e, w->smaller);
+    if (at != MN_NONE) {
+        e->unused = e->edge[at].next;
+    } else if (e->used < e->max) {
+        at = e->used++;
+    } else {
         uint64_t bit = late_bit(e, w->smaller);
         e->late[bit / 64] |= UINT64_C(1) << bit % 64;
         see_late(e, w);
         return;
     }
-    uint32_t at = e->count++;
-    for (; at > 0 && e->heap[(at - 1) / 2].smaller > w->smaller; at = (at - 1) / 2)
-        e->heap[at] = e->heap[(at - 1) / 2];
-    e->heap[at] = *w;
+    e->edge[at] = *w;
+    e->edge[at].next = *list;
+    *list = at;
 }
 
-static waiting pop(mni_ext_edges *e) {
-    waiting top = e->heap[0], last = e->heap[--e->count];
-    uint32_t at = 0;
-    for (;;) {
-        uint32_t child = 2 * at + 1;
-        child += child + 1 < e->count && e->heap[child + 1].smaller < e->heap[child].smaller;
-        if (child >= e->count || e->heap[child].smaller >= last.smaller)
-            break;
-        e->heap[at] = e->heap[child];
-        at = child;
+/* Takes the first of a list that is not empty. */
+static uint32_t pop(mni_ext_edges *e, uint32_t *list) {
+    const uint32_t at = *list;
+    *list = e->edge[at].next;
+    return at;
+}
+
+static void enter_range(mni_ext_edges *e, uint32_t range) {
+    e->range = range;
+    while (e->in_range[range] != MN_NONE) {
+        const uint32_t at = pop(e, &e->in_range[range]);
+        uint32_t *list = list_of(e, e->edge[at].smaller);
+        e->edge[at].next = *list;
+        *list = at;
     }
-    e->heap[at] = last;
-    return top;
 }
 
 /* ---- the sweep ------------------------------------------------------------------------------- */
 
-/* The groups of all vertices below this one are complete; its own is begun. */
-static void move_to(mni_extintake *x, uint64_t vertex) {
+/* From the vertex at hand, which is complete, to that one: its group is begun. */
+static void move_to(mni_extintake *x, uint32_t vertex) {
     mni_ext_edges *e = x->edges;
-    while (e->count > 0 && e->heap[0].smaller <= vertex) {
-        waiting w = pop(e);
-        if (w.smaller != e->vertex) {
-            end_group(x);
-            begin_group(e, w.smaller);
-        }
-        add_to_group(e, &w);
-    }
-    if (vertex != e->vertex) {
+    while (e->vertex < vertex) {
         end_group(x);
-        begin_group(e, (uint32_t)vertex);
+        begin_group(e, e->vertex + 1);
+        if (e->vertex >> e->range_bits != e->range)
+            enter_range(e, e->vertex >> e->range_bits);
+        uint32_t *list = list_of(e, e->vertex);
+        while (*list != MN_NONE) {
+            const uint32_t at = pop(e, list);
+            add_to_group(e, &e->edge[at]);
+            e->edge[at].next = e->unused;
+            e->unused = at;
+        }
     }
 }
 
@@ -235,10 +270,9 @@ void mni_ext_edges_add(mni_extintake *x, const mni_exttriangle *t, uint32_t numb
     const uint32_t smallest = t->corner[0];
     for (int i = 0; i < 3; i++) {
         uint32_t a = t->corner[i], b = t->corner[(i + 1) % 3];
-        w[i] = (waiting){a < b ? a : b, (a < b ? b : a) << 1 | (a > b), number};
+        w[i] = (waiting){a < b ? a : b, (a < b ? b : a) << 1 | (a > b), number, MN_NONE};
     }
-    if (smallest != x->edges->vertex)
-        move_to(x, smallest);
+    move_to(x, smallest);
     for (int i = 0; i < 3; i++)
         if (w[i].smaller == smallest)
             add_to_group(x->edges, &w[i]);
@@ -262,7 +296,7 @@ static bool count_flags(mni_extintake *x) {
 bool mni_ext_edges_finish(mni_extintake *x) {
     mni_ext_edges *e = x->edges;
     const edge *late;
-    move_to(x, UINT32_MAX); /* past all vertices */
+    move_to(x, (uint32_t)x->result.vertices); /* past all of them */
     if (mni_sort_finish(e->sort, x->st) != MN_OK)
         return false;
     while ((late = mni_sort_next(e->sort, x->st)) != NULL)

@@ -70,7 +70,7 @@ enum {
     MNI_EXT_SORT_SHARE = 28, /* of vertices, and from then on: */
     MNI_EXT_AFTER_SHARE = 8, /* what hands out */
     MNI_EXT_USED_SHARE = 4,  /* a bit a place */
-    MNI_EXT_EDGES_SHARE = 8, /* their heap; what it has no room for: */
+    MNI_EXT_EDGES_SHARE = 8, /* those that wait; what has no room there: */
     MNI_EXT_LATE_SHARE = 4,  /* the sort, and as much for the flags */
 };
 
