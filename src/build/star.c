@@ -40,10 +40,52 @@ static inline float inverse(float x) {
     return x > FLT_MIN ? 1 / x : 0;
 }
 
-static inline __attribute__((always_inline)) void prepare(mni_star_triangles *t, uint32_t count,
-                                                          const float k[3]) {
-    const float at_k[3] = {k[0], k[1], k[2]}; /* whatever is written to */
-    for (; count > 0; count -= count < SIDE ? count : SIDE, t++) {
+typedef float four_floats __attribute__((vector_size(16)));
+typedef float eight_floats __attribute__((vector_size(32)));
+
+_Static_assert(offsetof(mni_vertex, value) == 3 * sizeof(float), "a place is a load");
+
+#define BOTH(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7)
+/* In both halves of rows a and b: a0 b0 a1 b1; a2 b2 a3 b3; a0 a1 b0 b1; a2 a3 b2 b3. */
+#define FIRST(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13)
+#define LAST(a, b) __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15)
+#define LOW(a, b) __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13)
+#define HIGH(a, b) __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15)
+
+/* The places of eight vertices as columns. Rows are turned over in registers: what is written
+ * number by number and read as a row waits for the memory. */
+static inline __attribute__((always_inline)) void turn_over(const mni_vertex *vertex,
+                                                            const uint32_t *of, float to[3][SIDE]) {
+    four_floats p[SIDE];
+    for (int l = 0; l < SIDE; l++)
+        memcpy(&p[l], vertex[of[l]].p, sizeof p[l]);
+    eight_floats a = BOTH(p[0], p[4]), b = BOTH(p[1], p[5]);
+    eight_floats c = BOTH(p[2], p[6]), d = BOTH(p[3], p[7]);
+    eight_floats ab = FIRST(a, b), cd = FIRST(c, d);
+    eight_floats x = LOW(ab, cd), y = HIGH(ab, cd), z = LOW(LAST(a, b), LAST(c, d));
+    memcpy(to[0], &x, sizeof x);
+    memcpy(to[1], &y, sizeof y);
+    memcpy(to[2], &z, sizeof z);
+}
+
+static inline __attribute__((always_inline)) void take_over(const mni_vertex *vertex,
+                                                            const uint32_t *of, float to[3][SIDE]) {
+    for (int l = 0; l < SIDE; l++)
+        for (int i = 0; i < 3; i++)
+            to[i][l] = vertex[of[l]].p[i];
+}
+
+static inline __attribute__((always_inline)) void prepare(mni_star_triangles *t,
+                                                          const mni_star_corners *c, bool turns) {
+    const float at_k[3] = {c->vertex[c->k].p[0], c->vertex[c->k].p[1], c->vertex[c->k].p[2]};
+    for (uint32_t at = 0; at < c->count; at += SIDE, t++) {
+        if (turns) {
+            turn_over(c->vertex, &c->next[at], t->a);
+            turn_over(c->vertex, &c->previous[at], t->b);
+        } else {
+            take_over(c->vertex, &c->next[at], t->a);
+            take_over(c->vertex, &c->previous[at], t->b);
+        }
         for (int i = 0; i < 3; i++)
             for (int l = 0; l < SIDE; l++) {
                 t->ab[i][l] = t->b[i][l] - t->a[i][l];
@@ -111,8 +153,8 @@ measure(const mni_star_triangles *triangles, uint32_t count, mni_points *points,
     }
 }
 
-static void prepare_narrow(mni_star_triangles *t, uint32_t count, const float k[3]) {
-    prepare(t, count, k);
+static void prepare_narrow(mni_star_triangles *t, const mni_star_corners *c) {
+    prepare(t, c, false);
 }
 
 static void measure_narrow(const mni_star_triangles *t, uint32_t count, mni_points *points) {
@@ -123,8 +165,8 @@ static void measure_narrow(const mni_star_triangles *t, uint32_t count, mni_poin
 #define WIDE __attribute__((target("avx2")))
 #define WIDEST __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,prefer-vector-width=512")))
 
-WIDE static void prepare_wide(mni_star_triangles *t, uint32_t count, const float k[3]) {
-    prepare(t, count, k);
+WIDE static void prepare_wide(mni_star_triangles *t, const mni_star_corners *c) {
+    prepare(t, c, true);
 }
 
 WIDE static void measure_wide(const mni_star_triangles *t, uint32_t count, mni_points *points) {
@@ -156,6 +198,7 @@ void mni_star_narrow(mni_star *star) {
 
 void mni_star_close(mni_star *star) {
     free(star->triangles);
+    free(star->next);
     memset(star, 0, sizeof *star);
 }
 
@@ -163,36 +206,54 @@ static uint32_t scatter(uint32_t v) {
     return (v * SCATTER) ^ (v * SCATTER >> 15);
 }
 
+/* For so many triangles, and a row of padding. */
 static bool make_room(mni_star *star, uint32_t triangles) {
     star->count = 0;
-    if (triangles <= star->room)
+    if (triangles + SIDE <= star->room)
         return true;
     free(star->triangles);
-    uint32_t rows = (2 * triangles + SIDE - 1) / SIDE;
+    free(star->next);
+    uint32_t rows = (2 * triangles + SIDE - 1) / SIDE + 1;
+    star->room = rows * SIDE;
     star->triangles = malloc((size_t)rows * sizeof *star->triangles);
-    star->room = star->triangles != NULL ? rows * SIDE : 0;
-    return star->triangles != NULL;
+    star->next = malloc(2 * (size_t)star->room * sizeof *star->next);
+    if (star->triangles == NULL || star->next == NULL)
+        star->room = 0;
+    else
+        star->previous = star->next + star->room;
+    return star->room > 0;
 }
 
 /* A triangle's distance looks at its edges k–a and a–b. In a closed, oriented fan its k–b is the
  * next one's k–a; in others every k–b is added as a triangle without area. What add() returns sums
  * up to 0 over a closed fan. */
-static uint32_t add(mni_star *star, const mni_vertex *vertex, uint32_t next, uint32_t previous) {
-    uint32_t n = star->count++;
-    mni_star_triangles *t = &star->triangles[n / SIDE];
-    for (int i = 0; i < 3; i++) {
-        if (n % SIDE == 0)
-            for (int l = 1; l < SIDE; l++) /* or there might be anything */
-                t->a[i][l] = t->b[i][l] = 0;
-        t->a[i][n % SIDE] = vertex[next].p[i];
-        t->b[i][n % SIDE] = vertex[previous].p[i];
-    }
+static inline uint32_t add(mni_star *star, uint32_t next, uint32_t previous) {
+    star->next[star->count] = next;
+    star->previous[star->count++] = previous;
     return scatter(next) - scatter(previous);
 }
 
+/* The same, or nothing; without a branch. */
+static inline uint32_t add_if(mni_star *star, bool is, uint32_t next, uint32_t previous) {
+    star->next[star->count] = next;
+    star->previous[star->count] = previous;
+    star->count += is;
+    return (scatter(next) - scatter(previous)) & (0u - is);
+}
+
+/* Every k–b. */
+static void add_ends(mni_star *star) {
+    const uint32_t count = star->count;
+    for (uint32_t i = 0; i < count; i++)
+        add(star, star->previous[i], star->previous[i]);
+}
+
 /* Once all have been added: k is where they meet. */
-static void end(mni_star *star, const mni_vertex *k) {
-    star->prepare(star->triangles, star->count, k->p);
+static void end(mni_star *star, const mni_surface *s, uint32_t k) {
+    for (uint32_t i = 0; i < SIDE; i++) /* or there might be anything */
+        star->next[star->count + i] = star->previous[star->count + i] = k;
+    star->prepare(star->triangles,
+                  &(mni_star_corners){s->vertex, k, star->next, star->previous, star->count});
 }
 
 static bool take_slow(mni_star *star, mni_surface *s, uint32_t k) {
@@ -200,17 +261,14 @@ static bool take_slow(mni_star *star, mni_surface *s, uint32_t k) {
     const uint32_t *fan = mni_surface_fan(s, k, &count);
     if (!make_room(star, 2 * count))
         return false;
-    for (int pass = 0; pass == 0 || (pass == 1 && unpaired != 0); pass++)
-        for (uint32_t i = 0; i < count; i++) {
-            mni_corner c = mni_simplex_corner(&s->simplex[fan[i]], k);
-            if (s->simplex[fan[i]].v[2] == MN_NONE)
-                continue;
-            if (pass == 0)
-                unpaired += add(star, s->vertex, c.next, c.previous);
-            else
-                add(star, s->vertex, c.previous, c.previous);
-        }
-    end(star, &s->vertex[k]);
+    for (uint32_t i = 0; i < count; i++) {
+        mni_corner c = mni_simplex_corner(&s->simplex[fan[i]], k);
+        if (s->simplex[fan[i]].v[2] != MN_NONE)
+            unpaired += add(star, c.next, c.previous);
+    }
+    if (unpaired != 0)
+        add_ends(star);
+    end(star, s, k);
     return true;
 }
 
@@ -222,10 +280,10 @@ bool mni_star_take(mni_star *star, mni_surface *s, uint32_t k) {
     if (!make_room(star, 2 * MNI_WHEEL_MAX))
         return false;
     for (uint32_t i = 0; i < wheel.count; i++)
-        unpaired += add(star, s->vertex, wheel.next[i], wheel.previous[i]);
-    for (uint32_t i = 0; i < wheel.count && unpaired != 0; i++)
-        add(star, s->vertex, wheel.previous[i], wheel.previous[i]);
-    end(star, &s->vertex[k]);
+        unpaired += add(star, wheel.next[i], wheel.previous[i]);
+    if (unpaired != 0)
+        add_ends(star);
+    end(star, s, k);
     return true;
 }
 
@@ -237,19 +295,16 @@ bool mni_star_take_of_both(mni_star *star, mni_surface *s, uint32_t r, uint32_t 
         fan[e] = mni_surface_fan(s, ends[e], &count[e]);
     if (!make_room(star, 2 * (count[0] + count[1])))
         return false;
-    for (int pass = 0; pass == 0 || (pass == 1 && unpaired != 0); pass++)
-        for (int e = 0; e < 2; e++)
-            for (uint32_t i = 0; i < count[e]; i++) {
-                const mni_simplex *x = &s->simplex[fan[e][i]];
-                mni_corner c = mni_simplex_corner(x, ends[e]);
-                if (x->v[2] == MN_NONE || c.next == ends[1 - e] || c.previous == ends[1 - e])
-                    continue;
-                if (pass == 0)
-                    unpaired += add(star, s->vertex, c.next, c.previous);
-                else
-                    add(star, s->vertex, c.previous, c.previous);
-            }
-    end(star, &s->vertex[k]);
+    for (int e = 0; e < 2; e++)
+        for (uint32_t i = 0; i < count[e]; i++) {
+            const mni_simplex *x = &s->simplex[fan[e][i]];
+            mni_corner c = mni_simplex_corner(x, ends[e]);
+            if (x->v[2] != MN_NONE && c.next != ends[1 - e] && c.previous != ends[1 - e])
+                unpaired += add(star, c.next, c.previous);
+        }
+    if (unpaired != 0)
+        add_ends(star);
+    end(star, s, k);
     return true;
 }
 
@@ -260,18 +315,15 @@ bool mni_star_take_of_wheels(mni_star *star, const mni_surface *s, const mni_whe
     uint32_t unpaired = 0;
     if (!make_room(star, 4 * MNI_WHEEL_MAX))
         return false;
-    for (int pass = 0; pass == 0 || (pass == 1 && unpaired != 0); pass++)
-        for (int e = 0; e < 2; e++)
-            for (uint32_t i = 0; i < wheel[e]->count; i++) {
-                uint32_t next = wheel[e]->next[i], previous = wheel[e]->previous[i];
-                if ((next == other[e]) | (previous == other[e]))
-                    continue;
-                if (pass == 0)
-                    unpaired += add(star, s->vertex, next, previous);
-                else
-                    add(star, s->vertex, previous, previous);
-            }
-    end(star, &s->vertex[k]);
+    for (int e = 0; e < 2; e++)
+        for (uint32_t i = 0; i < wheel[e]->count; i++) {
+            uint32_t next = wheel[e]->next[i], previous = wheel[e]->previous[i];
+            bool stays = (next != other[e]) & (previous != other[e]);
+            unpaired += add_if(star, stays, next, previous);
+        }
+    if (unpaired != 0)
+        add_ends(star);
+    end(star, s, k);
     return true;
 }
 
@@ -288,13 +340,13 @@ bool mni_star_take_spoke(mni_star *star, mni_surface *s, uint32_t k, uint32_t n,
         if (x->v[2] == MN_NONE || (x->v[0] != k && x->v[1] != k && x->v[2] != k))
             continue;
         mni_corner c = mni_simplex_corner(x, k);
-        add(star, s->vertex, c.next, c.previous);
-        add(star, s->vertex, c.previous, c.previous); /* this is no closed fan */
+        add(star, c.next, c.previous);
+        add(star, c.previous, c.previous); /* this is no closed fan */
         if (found < 2)
             ends[found] = c.next == n ? c.previous : c.next;
         found++;
     }
-    end(star, &s->vertex[k]);
+    end(star, s, k);
     return true;
 }
 

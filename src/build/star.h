@@ -22,10 +22,19 @@ typedef struct mni_points {
 
 typedef struct mni_star_triangles mni_star_triangles;
 
+/* A star as it is taken: triangles (k, next, previous), and behind them a row of any vertices. */
+typedef struct mni_star_corners {
+    const mni_vertex *vertex;
+    uint32_t k;
+    const uint32_t *next, *previous;
+    uint32_t count;
+} mni_star_corners;
+
 typedef struct mni_star {
     mni_star_triangles *triangles;
+    uint32_t *next, *previous; /* their corners; one array */
     uint32_t count, room;
-    void (*prepare)(mni_star_triangles *triangles, uint32_t count, const float k[3]);
+    void (*prepare)(mni_star_triangles *triangles, const mni_star_corners *corners);
     void (*measure)(const mni_star_triangles *triangles, uint32_t count, mni_points *points);
 } mni_star;
 
