@@ -140,12 +140,9 @@ static inline __attribute__((always_inline)) void keys_of(const mni_vertex *vert
                                                           mni_heap_key *key) {
     for (uint32_t i = 0; i < count; i += LANES) {
         const mni_vertex *k[LANES];
-        uint32_t of[LANES];
-        for (uint32_t l = 0; l < LANES; l++) {
-            of[l] = kept[i + (l & (0u - (i + l < count)))];
-            k[l] = &vertex[of[l]];
-        }
-        four_keys(&vertex[r], k, of, &key[i]);
+        for (uint32_t l = 0; l < LANES; l++)
+            k[l] = &vertex[kept[i + l]];
+        four_keys(&vertex[r], k, &kept[i], &key[i]);
     }
 }
 

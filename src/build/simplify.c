@@ -92,37 +92,50 @@ static void consider_slow(mni_simplifier *s, choice *of) {
 static bool look_at(mni_simplifier *s, uint32_t r) {
     mni_look *look = &s->look;
     const mni_wheel *wheel = &s->judge.wheel;
-    uint32_t kept[2 * MNI_WHEEL_MAX], count = 0;
+    uint32_t kept[MNI_KEYS_MAX];
     if (look->vertex == r)
         return true;
     if (!mni_judge_wheel(&s->judge, &s->surface, r))
         return false;
-    for (uint32_t i = 0; i < wheel->count; i++)
-        __builtin_prefetch(&s->surface.vertex[wheel->next[i]]);
-    for (uint32_t i = 0; i < wheel->count; i++)
-        kept[count++] = wheel->next[i];
-    for (uint32_t i = 0; i < wheel->count; i++) { /* at boundaries alone something is left */
-        kept[count] = wheel->previous[i];
-        count += mni_wheel_find(wheel->next, wheel->count, wheel->previous[i]) == MNI_WHEEL_MAX;
-    }
+    uint32_t count = wheel->count;
+    memcpy(kept, wheel->next, sizeof wheel->next);
+    for (uint32_t left = mni_wheel_ends(wheel); left != 0; left &= left - 1)
+        kept[count++] = wheel->previous[__builtin_ctz(left)];
+    for (uint32_t i = 0; i < MNI_KEYS_ROW; i++)
+        kept[count + i] = r;
     if (s->desc.metric == MN_METRIC_QEM)
         s->keys(s->surface.vertex, r, kept, count, look->key);
     for (uint32_t i = 0; i < count && s->desc.metric != MN_METRIC_QEM; i++)
         look->key[i] = key_of(s, r, kept[i]);
+    for (uint32_t i = 0; i < MNI_KEYS_ROW; i++)
+        look->key[count + i] = MNI_HEAP_KEY_NONE;
     look->vertex = r;
     look->count = count;
     return true;
 }
 
+/* The least of a row of keys that is not below `from`: which is it cannot be predicted, so there is
+ * no branch; how many rows there are nearly always can. */
+static inline mni_heap_key least_from(const mni_look *look, mni_heap_key from) {
+    mni_heap_key best = MNI_HEAP_KEY_NONE;
+    for (uint32_t i = 0; i < look->count; i += MNI_KEYS_ROW)
+        for (uint32_t l = i; l < i + MNI_KEYS_ROW; l++) {
+            mni_heap_key key = look->key[l] < from ? MNI_HEAP_KEY_NONE : look->key[l];
+            best = key < best ? key : best;
+        }
+    return best;
+}
+
 static void consider_all(mni_simplifier *s, choice *c) {
-    const mni_look *look = &s->look;
     c->least = c->best = MNI_HEAP_KEY_NONE;
     if (!look_at(s, c->r)) {
         consider_slow(s, c);
         return;
     }
-    for (uint32_t i = 0; i < look->count; i++)
-        consider(c, look->key[i]);
+    c->least = least_from(&s->look, 0);
+    c->best = c->from <= c->least ? c->least : least_from(&s->look, c->from);
+    while (c->best != MNI_HEAP_KEY_NONE && is_idle(c, c->best))
+        c->best = least_from(&s->look, c->best + 1);
 }
 
 /* The cheapest candidate of r that is not below `from`. */

@@ -61,7 +61,9 @@ static inline float mni_collapse_cost(const mni_vertex *r, const mni_vertex *k, 
     return (float)(mni_quadric_at(r, d) + k->c + share * length2);
 }
 
-/* The keys of some of r's candidates; key[] has room for a multiple of four. By qem. */
+/* The keys of some of r's candidates. By qem. Behind the last of kept[] comes a row of any
+ * vertices, and key[] has room for one. */
+enum { MNI_KEYS_ROW = 8, MNI_KEYS_MAX = 2 * MNI_WHEEL_MAX + MNI_KEYS_ROW };
 typedef void mni_collapse_keys(const mni_vertex *vertex, uint32_t r, const uint32_t *kept,
                                uint32_t count, mni_heap_key *key);
 /* quadric.c: the same bits, as wide as this machine can, and as all can. */
@@ -112,11 +114,11 @@ typedef struct mni_next {
     mni_heap_key key[MNI_NEXT_MAX]; /* rising; nothing is between them */
 } mni_next;
 
-/* What the vertex looked at last has for candidates: its wheel's vertices, each once, as keys.
- * Stands until something collapses. */
+/* What the vertex looked at last has for candidates: its wheel's vertices, each once, as keys, and
+ * a row of MNI_HEAP_KEY_NONE. Stands until something collapses. */
 typedef struct mni_look {
     uint32_t vertex, count; /* MN_NONE: nobody's */
-    mni_heap_key key[2 * MNI_WHEEL_MAX];
+    mni_heap_key key[MNI_KEYS_MAX];
 } mni_look;
 
 typedef struct mni_simplifier {

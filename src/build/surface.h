@@ -143,6 +143,24 @@ static inline uint32_t mni_wheel_find(const uint32_t *list, uint32_t count, uint
     return (uint32_t)__builtin_ctz(found | 1u << MNI_WHEEL_MAX);
 }
 
+/* Which of previous[] are in no triangle the next one, as bits: at boundaries alone there are any.
+ */
+static inline uint32_t mni_wheel_ends(const mni_wheel *w) {
+    mni_four previous[4], in[4] = {0};
+    memcpy(previous, w->previous, sizeof previous);
+    for (uint32_t i = 0; i < w->count; i++) {
+        in[0] |= (mni_four)(previous[0] == w->next[i]);
+        in[1] |= (mni_four)(previous[1] == w->next[i]);
+    }
+    for (uint32_t i = 0; i < w->count && w->count > 8; i++) {
+        in[2] |= (mni_four)(previous[2] == w->next[i]);
+        in[3] |= (mni_four)(previous[3] == w->next[i]);
+    }
+    uint32_t found = mni_four_bits(&in[0]) | mni_four_bits(&in[1]) << 4 |
+                     mni_four_bits(&in[2]) << 8 | mni_four_bits(&in[3]) << 12;
+    return ~found & ((1u << w->count) - 1);
+}
+
 /* Nothing but haste: what will be asked about v soon is fetched meanwhile. Each wants the one
  * before to have arrived. */
 static inline void mni_surface_fetch_vertex(const mni_surface *surface, uint32_t v) {

@@ -277,8 +277,8 @@ START_TEST(keys_are_costs) {
     static mni_vertex vertex[VERTICES];
     random_state = fixture_seed(23);
     for (int i = 0; i < 10 * ROUNDS; i++) {
-        uint32_t kept[MAX], count = fixture_random(&random_state) % (MAX + 1);
-        mni_heap_key wide[MAX], narrow[MAX];
+        uint32_t kept[MNI_KEYS_MAX], count = fixture_random(&random_state) % (MAX + 1);
+        mni_heap_key wide[MNI_KEYS_MAX], narrow[MNI_KEYS_MAX];
         float small = i % 3 == 0 ? 1e-12f : 1;
         for (uint32_t v = 0; v < VERTICES; v++) {
             double q[10];
@@ -298,7 +298,7 @@ START_TEST(keys_are_costs) {
                                      .y = q[8],
                                      .z = q[9]};
         }
-        for (uint32_t n = 0; n < count; n++)
+        for (uint32_t n = 0; n < MNI_KEYS_MAX; n++)
             kept[n] = fixture_random(&random_state) % VERTICES;
         mni_collapse_keys_best()(vertex, 5, kept, count, wide);
         mni_collapse_keys_narrow(vertex, 5, kept, count, narrow);
