@@ -317,10 +317,12 @@ static void open_dealer(walk *k) {
                    k->w->plan.threads);
 }
 
-static mn_code close_dealer(walk *k) {
+/* code: of the walk. One that has failed is told as it did, whatever befell the other thread. */
+static mn_code close_dealer(walk *k, mn_code code) {
     mni_history *h = k->w->history;
-    const mn_code code = wait_for_dealer(k);
-    mni_relay_close(&k->beside);
+    if (code == MN_OK)
+        code = wait_for_dealer(k);
+    mni_relay_close(&k->beside); /* drains */
     h->killed.bytes_read = k->dealer.history.killed.bytes_read;
     h->group.bytes_read += k->dealer.history.group.bytes_read - k->dealer.group_read;
     return code;
@@ -365,8 +367,7 @@ mn_code mni_order_nodes(mni_order_work *w) {
         if (b == 0)
             break;
     }
-    const mn_code dealt = close_dealer(&k);
-    code = code == MN_OK ? dealt : code;
+    code = close_dealer(&k, code);
     if (code == MN_OK)
         code = end_stage(&k);
     mni_sort_close(k.dealer.sort);
