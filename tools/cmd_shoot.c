@@ -136,6 +136,7 @@ static void report(const shoot *s, const mn_session *session, const picture *p,
     json_u64(&j, "ram_planned_bytes", plan.planned_bytes);
     json_u64(&j, "rss_peak_bytes", p->load.own_peak_bytes);
     json_u64(&j, "gl_rss_bytes", p->load.rss_bytes);
+    json_u64(&j, "gl_allocations", cli_alloc_theirs_since_mark());
     json_str(&j, "gl_driver", p->load.api->driver(p->gl));
     json_end(&j);
 }
@@ -147,6 +148,7 @@ static mn_code take(const shoot *s, const mn_camera *camera, mn_session *session
     mn_code code = picture_open(p, session, desc->width_px, desc->height_px, false, st);
     if (code != MN_OK)
         return code;
+    cli_alloc_mark();
     const uint32_t settle_frames = mn_session_settle(session, camera, SETTLE_FRAMES_MAX);
     mn_session_frame(session, camera, &stats);
     code = picture_draw(p, session, camera, &s->look, st);
