@@ -40,7 +40,9 @@ static void say_plan(const tune *t) {
 
 /* All cells; then the other prefetch rules where they matter. */
 static mn_code sweep(tune *t, tune_findings *f, mn_status *st) {
-    mn_code code = tune_enumerate(t, st);
+    mn_code code = tune_caps_will_do(t, st);
+    if (code == MN_OK)
+        code = tune_enumerate(t, st);
     if (code == MN_OK)
         code = tune_results_load(t, st);
     if (code != MN_OK)

@@ -69,6 +69,7 @@ typedef struct tune_options {
     uint32_t places_count;
     uint64_t cap[TUNE_LIST_MAX]; /* bytes; 0: none */
     uint32_t caps;
+    bool caps_given; /* by --caps, not --ram */
     tune_path path[TUNE_LIST_MAX];
     uint32_t paths;
     mn_prefetch prefetch[TUNE_PREFETCHES];
@@ -181,9 +182,13 @@ typedef struct tune {
 
 /* The tree, and its layouts: those that are not there yet are made, two at a time. */
 mn_code tune_build(tune *t, mn_status *st);
+/* MN_CAP_TOO_SMALL where no layout can be flown under any of the caps. */
+mn_code tune_caps_will_do(const tune *t, mn_status *st);
 /* Cells of what the options ask for; then of the other prefetch rules at a setting. */
 mn_code tune_enumerate(tune *t, mn_status *st);
 mn_code tune_enumerate_rules(tune *t, const tune_cell *at, mn_status *st);
+/* In a text of replay's: the cap is called what it is called here. */
+void tune_name_cap(const tune *t, char *says, size_t room);
 size_t tune_missing(const tune *t);
 /* For those that are missing; by how long those before them took. */
 double tune_seconds_needed(const tune *t);

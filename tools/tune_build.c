@@ -126,6 +126,32 @@ static mn_code name_layouts(tune *t, mn_status *st) {
     return MN_OK;
 }
 
+/* Before anything is measured: is there a layout that could be flown under one of the caps? What
+ * the first lacks is said. */
+mn_code tune_caps_will_do(const tune *t, mn_status *st) {
+    mn_status first = {0};
+    for (uint32_t i = 0; i < t->layouts; i++)
+        for (uint32_t cap = 0; cap < t->o.caps && t->layout[i].code == MN_OK; cap++) {
+            mn_status own = {0};
+            mn_session *session = NULL;
+            const mn_session_desc desc = {.path = t->layout[i].file,
+                                          .ram_bytes = t->o.cap[cap],
+                                          .k = MN_K_MIN,
+                                          .io = MN_IO_PREAD};
+            if (t->o.cap[cap] > 0)
+                (void)mn_session_open(&desc, &session, &own);
+            mn_session_close(session);
+            if (own.code != MN_CAP_TOO_SMALL)
+                return MN_OK;
+            if (first.code == MN_OK)
+                first = own;
+        }
+    if (first.code == MN_OK)
+        return MN_OK;
+    tune_name_cap(t, first.text, sizeof first.text);
+    return mn_fail(st, first.code, "tune: no setting could be measured: %s", first.text);
+}
+
 static mn_code start_layout(const tune *t, const tune_layout *l, child *run, mn_status *st) {
     const bool levels = l->blocking == MN_BLOCKING_LEVELS;
     char size[32], ram[32];

@@ -14,6 +14,7 @@
 #define DEFAULT_PATH "orbit,dive"
 #define DEFAULT_PREFETCH "ahead,neighbours,off"
 enum { DEFAULT_FRAMES = 100, DEFAULT_LIMIT_S = 120 };
+#define LEAST 1e-6 /* milliseconds, pixels: nothing is done in none, and the grid has its share */
 
 static const char help[] =
     "usage: metanode tune IN -o DIR [OPTION …]\n\n"
@@ -249,11 +250,13 @@ static mn_code read_lists(tune_options *o, const words *w) {
     return MN_OK;
 }
 
-static mn_code read_bound(const char *name, const char *text, double max, double *bound) {
+/* least: no setting can keep to less. */
+static mn_code read_bound(const char *name, const char *text, double least, double max,
+                          double *bound) {
     *bound = INFINITY;
-    if (text == NULL || cli_double(text, 0, max, bound))
+    if (text == NULL || cli_double(text, least, max, bound))
         return MN_OK;
-    return (mn_code)cli_error(MN_USAGE, "tune: --%s '%s' is not a number from 0 to %g", name, text,
+    return (mn_code)cli_error(MN_USAGE, "tune: --%s '%s' is not in %g … %.0f", name, text, least,
                               max);
 }
 
@@ -263,8 +266,8 @@ static int take_bound(tune_want *want, const char *at) {
     const struct {
         const char *what, *unit;
         double times, min, max, *bound;
-    } bounds[] = {{"p99", "ms", 1, 0, 1e6, &want->p99_ms},
-                  {"error", "px", 1, 0, 1e6, &want->error_px},
+    } bounds[] = {{"p99", "ms", 1, LEAST, 1e6, &want->p99_ms},
+                  {"error", "px", 1, LEAST, 1e6, &want->error_px},
                   {"misses", "%", 0.01, 0, 1, &want->miss_rate},
                   {"at", "MB", MEGABYTE, 1, SIZE_MAX_BYTES, &want->ram_bytes},
                   {"at", "GB", 1024 * MEGABYTE, 1, SIZE_MAX_BYTES, &want->ram_bytes}};
@@ -302,11 +305,11 @@ static mn_code read_want(tune_options *o, const words *w) {
     uint64_t bytes = 0;
     o->want.objective = (tune_objective)w->objective;
     o->want.cpu = w->clock == 1;
-    mn_code code = read_bound("p99-ms", w->p99, 1e6, &o->want.p99_ms);
+    mn_code code = read_bound("p99-ms", w->p99, LEAST, 1e6, &o->want.p99_ms);
     if (code == MN_OK)
-        code = read_bound("error-px", w->error, 1e6, &o->want.error_px);
+        code = read_bound("error-px", w->error, LEAST, 1e6, &o->want.error_px);
     if (code == MN_OK)
-        code = read_bound("miss-rate", w->misses, 1, &o->want.miss_rate);
+        code = read_bound("miss-rate", w->misses, 0, 1, &o->want.miss_rate);
     if (code == MN_OK && w->ram != NULL && !cli_size(w->ram, &bytes))
         code = (mn_code)cli_error(MN_USAGE, "tune: --ram '%s' is not a size like 24M", w->ram);
     o->want.ram_bytes = w->ram != NULL ? (double)bytes : INFINITY;
@@ -316,6 +319,7 @@ static mn_code read_want(tune_options *o, const words *w) {
                                   "tune: --want '%s': '%s' is not like p99 under 4 ms, error under "
                                   "3 px, misses under 1 %%, or at 24 MB, or is wanted twice",
                                   w->want, bad);
+    o->caps_given = w->caps != NULL;
     if (code == MN_OK && isfinite(o->want.ram_bytes) && w->caps == NULL)
         o->cap[o->caps++] = (uint64_t)o->want.ram_bytes;
     return code;

@@ -177,11 +177,26 @@ static bool value_of(const char *json, const char *key, double *value) {
     return end != at && (*end == ',' || *end == '\n') && *value >= 0;
 }
 
+void tune_name_cap(const tune *t, char *says, size_t room) {
+    char text[sizeof((mn_status *)0)->text];
+    size_t length = 0;
+    if (!t->o.caps_given)
+        return;
+    for (const char *at = says; *at != 0 && length + 8 < sizeof text;) {
+        const bool is_cap = strncmp(at, "--ram ", 6) == 0;
+        length +=
+            (size_t)snprintf(text + length, sizeof text - length, is_cap ? "--caps " : "%c", *at);
+        at += is_cap ? 6 : 1;
+    }
+    snprintf(says, room, "%.*s", (int)length, text);
+}
+
 /* Of a replay that has ended. */
-static void take_figures(tune_cell *c, const child_end *end, double busy) {
+static void take_figures(const tune *t, tune_cell *c, const child_end *end, double busy) {
     c->code = end->code;
     snprintf(c->says, sizeof c->says, "%.*s", (int)sizeof c->says - 1,
              end->code != 0 ? end->says : "");
+    tune_name_cap(t, c->says, sizeof c->says);
     for (int i = 0; i < TUNE_SECONDS && c->code == 0; i++)
         if (!value_of(end->out, tune_figure_names[i], &c->figure[i])) {
             c->code = MN_FAILED;
@@ -236,7 +251,7 @@ static mn_code measure(tune *t, tune_cell *c, mn_status *st) {
     if (cli_interrupted() != 0)
         code = mn_fail(st, MN_FAILED, "interrupted");
     else
-        take_figures(c, &end, busy_s() - busy);
+        take_figures(t, c, &end, busy_s() - busy);
     t->measured_s += end.seconds;
     t->thought_s += seconds_of(t, c);
     child_end_free(&end);

@@ -89,7 +89,10 @@ kinds() {
     check "caps: too small, and what would do" grep -q '1M .* would work' "$out"
     PATH=$tools expect 5 small tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 1M --fps 0 \
         --path orbit --frames 4 --prefetch ahead
-    one_line small 'no setting could be measured' '1024K is too small'
+    one_line small 'no setting could be measured' '--caps 1024K is too small' ': --caps ' 'K would work'
+    PATH=$tools expect 5 "small, --ram" tune "$scratch/s.vdt" -o "$scratch/r" --policy packed --block-bytes 4K --ram 2M --fps 0
+    one_line "small, --ram" '--ram 2048K is too small' ': --ram ' 'K would work'
+    check "small, --ram: nothing was measured" test "$(grep -c packed "$scratch/r/results.csv")" -eq 0
     PATH=$tools expect 0 caps tune "$scratch/s.vdt" -o "$scratch/c" --policy packed --block-bytes 4K --caps 8M,1M --fps 0 \
         --path orbit --frames 4 --prefetch ahead --want "p99 under 1000 ms" --minimize ram
     check "caps: the other is best" grep -q 'packed-4K, K [0-9]* (cap) under 8 MB' "$out"
@@ -207,6 +210,11 @@ usage() {
         expect 2 "--$option" tune "$scratch/s.ply" -o "$scratch/u" "--$option" "${wrong[$option]}"
         one_line "--$option" "--$option" "'${wrong[$option]}'"
     done
+    for option in p99-ms error-px; do # no setting keeps to nothing
+        expect 2 "--$option 0" tune "$scratch/s.ply" -o "$scratch/u" "--$option" 0
+        one_line "--$option 0" "--$option" "'0' is not in"
+    done
+    expect 2 "p99 under 0 ms" tune "$scratch/s.ply" -o "$scratch/u" --want "p99 under 0 ms"
     local list=4
     for i in {2..17}; do list+=,$((4 + i)); done
     expect 2 "17 of them" tune "$scratch/s.ply" -o "$scratch/u" --k "$list"
