@@ -147,12 +147,15 @@ static void line(const figures *f, double *node_ns, double *move_ns) {
 static void print_row(const figures *f) {
     const flight *fast = &f->fast, *slow = &f->slow;
     double node_ns, move_ns, frames = (double)fast->frames;
+    char node[32], move[32], text[32];
     line(f, &node_ns, &move_ns);
-    printf("%-8s %9.3g %8.0f %8.0f %8.0f %9.2f %8.0f %10.1f %8.1f %8.0f\n", f->path,
-           (double)f->tolerance_px, (double)fast->nodes / frames, (double)fast->moves / frames,
-           (double)fast->waits / frames, 1e-6 * triangles_per_second(fast),
-           1e9 * ratio(fast->seconds, (double)fast->moves),
-           1e9 * ratio(slow->seconds, (double)slow->nodes), node_ns, move_ns);
+    printf(
+        "%-8s %9.3g %8.0f %8.0f %8.0f %9.2f %s %10.1f %s %s\n", f->path, (double)f->tolerance_px,
+        (double)fast->nodes / frames, (double)fast->moves / frames, (double)fast->waits / frames,
+        1e-6 * triangles_per_second(fast),
+        bench_number(fast->moves > 0 ? 1e9 * fast->seconds / (double)fast->moves : NAN, 8, 0, text),
+        1e9 * ratio(slow->seconds, (double)slow->nodes), bench_number(node_ns, 8, 1, node),
+        bench_number(move_ns, 8, 0, move));
     fflush(stdout);
 }
 
@@ -304,7 +307,7 @@ static mn_code read_options(options *o, int argc, char **argv, bool *done) {
             "bench adapt: --front finds a tolerance, and --tolerance is one: one of them");
     if (optind >= argc)
         return (mn_code)cli_error(MN_USAGE,
-                                  "bench adapt: which FILE.mnt? see metanode bench adapt --help");
+                                  "bench adapt: which FILE? see metanode bench adapt --help");
     o->tolerance_px = (float)tolerance_px;
     return MN_OK;
 }

@@ -15,7 +15,7 @@ static const char help[] =
     "  whole    bytes of the first front, which is sent as it is\n"
     "  sent     bytes of each later one, on average, in so many ranges\n"
     "  front    processor time of handing one over; navigate: of what came before it\n\n"
-    "  --frames N   of each path (300)\n";
+    "  --frames N   of each path, 2 at least (300)\n";
 
 static const char *const paths[] = {"orbit", "dive"};
 
@@ -125,6 +125,9 @@ static bool parse(int argc, char **argv, session_options *o, int *code) {
     }
     if (optind == argc)
         *code = cli_error(MN_USAGE, "bench draw: which FILE? see metanode bench draw --help");
+    else if (o->frames < 2)
+        *code = cli_error(MN_USAGE, "bench draw: --frames 1: the first is sent whole, and the "
+                                    "figures are of those after it: 2 at least");
     o->desc.store = MN_STORE_RESIDENT;
     return *code == MN_OK;
 }

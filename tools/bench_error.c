@@ -48,7 +48,9 @@ static void report_ratio(json *j, const char *key, const mn_error_ratio *r) {
 }
 
 static void print_ratio(const mn_error_ratio *r) {
-    printf("  %5.2f %5.2f %5.2f of %-6" PRIu64, r->p10, r->median, r->p90, r->nodes);
+    char text[3][32];
+    printf("  %s %s %s of %-6" PRIu64, bench_number(r->p10, 5, 2, text[0]),
+           bench_number(r->median, 5, 2, text[1]), bench_number(r->p90, 5, 2, text[2]), r->nodes);
 }
 
 static void report(json *j, double percent, const mn_error_result *r, const options *o) {
@@ -120,11 +122,12 @@ static mn_code bench_file(const char *path, const options *o, json *j, mn_status
         json_f64(j, "grid_error", (double)mn_grid_error(tree.grid_step));
         json_open(j, "fronts", '[');
     } else {
-        printf("%s: %u triangles, on a grid of %g: the input as it was is off by up to %g more\n"
+        printf("%s: %u triangle%s, on a grid of %g: the input as it was is off by up to %g more\n"
                "  distances in diagonals\n"
                "  front triangles      honest  excess    ratio: p10, median, p90       "
                "near: p10, median, p90     bound mean       max  measured       max\n",
-               path, tree.triangles, (double)tree.grid_step, (double)mn_grid_error(tree.grid_step));
+               path, tree.triangles, cli_s(tree.triangles), (double)tree.grid_step,
+               (double)mn_grid_error(tree.grid_step));
     }
     code = bench_tree(&tree, o, j, &meter, st);
     if (o->as_json) {
@@ -171,7 +174,7 @@ static int parse(int argc, char **argv, options *o) {
     if (fronts != NULL && !parse_fronts(fronts, o))
         return cli_error(MN_USAGE, "bench error: --fronts '%s' is not a list like 50,10,1", fronts);
     if (optind == argc)
-        return cli_error(MN_USAGE, "bench error: of which file? see metanode bench error --help");
+        return cli_error(MN_USAGE, "bench error: which FILE? see metanode bench error --help");
     return MN_OK;
 }
 
@@ -182,10 +185,7 @@ int bench_error(int argc, char **argv) {
         return code < 0 ? MN_OK : code;
     json j;
     mn_status st = {0};
-    uint64_t vertices, triangles;
-    for (int i = optind; i < argc && st.code == MN_OK; i++) /* before any is measured */
-        mn_mesh_expect(argv[i], &vertices, &triangles, &st);
-    if (st.code != MN_OK)
+    if (bench_meshes_are_there(argv + optind, argc - optind, &st) != MN_OK)
         return cli_status(&st);
     if (o.as_json) {
         json_begin(&j, stdout);

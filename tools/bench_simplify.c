@@ -34,7 +34,9 @@ typedef struct options {
     uint64_t runs, samples, globe;
     mn_metric metric;
     bool json;
-    cli_meter *meter; /* on a terminal: how far it is */
+    const char *name;  /* of the mesh at hand */
+    const char *phase; /* what is measured; NULL: as the library calls what it does */
+    cli_meter *meter;  /* on a terminal: how far it is */
 } options;
 
 typedef struct quality {
@@ -50,6 +52,24 @@ typedef struct figures {
     double ratios[RUNS_MAX];
     quality level[LEVELS];
 } figures;
+
+/* An mn_progress: the same, by the name of what is measured. */
+static bool progress(void *context, const char *phase, uint64_t done, uint64_t total) {
+    const options *o = context;
+    return cli_progress(o->meter, o->phase != NULL ? o->phase : phase, done, total);
+}
+
+static mn_code decimate(const mn_mesh *mesh, uint32_t triangles, const options *o, mn_mesh *out,
+                        mn_decimation *d, mn_status *st) {
+    mn_status own = {0};
+    const mn_code code = mn_openmesh_decimate(mesh, triangles, NULL, out, d, &own);
+    if (code == MN_BAD_INPUT)
+        return mn_fail(st, code,
+                       "%s: OpenMesh, which this compares with, does not take it: %s; give another "
+                       "mesh",
+                       o->name, own.text);
+    return code == MN_OK ? MN_OK : mn_fail(st, code, "%s: %s", o->name, own.text);
+}
 
 /* ---- speed ---- */
 
@@ -76,10 +96,10 @@ static mn_code our_rate(const mn_mesh *mesh, const options *o, double *rate, mn_
     return MN_OK;
 }
 
-static mn_code openmesh_rate(const mn_mesh *mesh, double *rate, mn_status *st) {
+static mn_code openmesh_rate(const mn_mesh *mesh, const options *o, double *rate, mn_status *st) {
     mn_mesh out;
     mn_decimation d;
-    mn_code code = mn_openmesh_decimate(mesh, share(mesh, speed_percent), NULL, &out, &d, st);
+    mn_code code = decimate(mesh, share(mesh, speed_percent), o, &out, &d, st);
     if (code != MN_OK)
         return code;
     *rate = (double)d.collapses / d.seconds;
@@ -93,7 +113,7 @@ static mn_code measure_speed(const mn_mesh *mesh, const options *o, figures *f, 
         mn_code code = our_rate(mesh, o, &ours[i], st);
         cli_progress(o->meter, "openmesh", i, o->runs);
         if (code == MN_OK)
-            code = openmesh_rate(mesh, &theirs[i], st);
+            code = openmesh_rate(mesh, o, &theirs[i], st);
         if (code != MN_OK)
             return code;
         f->ratios[i] = ratios[i] = ours[i] / theirs[i];
@@ -108,24 +128,30 @@ static mn_code measure_speed(const mn_mesh *mesh, const options *o, figures *f, 
 
 /* ---- quality ---- */
 
-static mn_code distance(const mn_mesh *mesh, const mn_mesh *coarse, const options *o, double *mean,
-                        mn_status *st) {
+static mn_code distance(const mn_mesh *mesh, const mn_mesh *coarse, options *o, const char *phase,
+                        double *mean, mn_status *st) {
     mn_compare_result r;
-    mn_code code = mn_mesh_compare(mesh, coarse, o->samples, 1, CLI_WATCH(o->meter), &r, st);
+    o->phase = phase;
+    const mn_watch watch = {progress, o};
+    mn_code code = mn_mesh_compare(mesh, coarse, o->samples, 1, &watch, &r, st);
+    o->phase = NULL;
     *mean = code == MN_OK ? (r.mean_ab + r.mean_ba) / 2 : 0;
     return code;
 }
 
 /* Both at the number of triangles that OpenMesh stopped at. */
-static mn_code measure_level(const mn_mesh *mesh, const mn_tree *tree, double percent,
-                             const options *o, quality *q, mn_status *st) {
+static mn_code measure_level(const mn_mesh *mesh, const mn_tree *tree, int level, options *o,
+                             quality *q, mn_status *st) {
+    static const char *const phases[LEVELS][2] = {{"OpenMesh at 50 %", "ours at 50 %"},
+                                                  {"OpenMesh at 10 %", "ours at 10 %"},
+                                                  {"OpenMesh at 1 %", "ours at 1 %"}};
     mn_mesh theirs, ours;
     mn_decimation d;
-    mn_code code = mn_openmesh_decimate(mesh, share(mesh, percent), NULL, &theirs, &d, st);
+    mn_code code = decimate(mesh, share(mesh, percents[level]), o, &theirs, &d, st);
     if (code != MN_OK)
         return code;
     q->openmesh_triangles = theirs.triangles;
-    code = distance(mesh, &theirs, o, &q->openmesh_distance, st);
+    code = distance(mesh, &theirs, o, phases[level][0], &q->openmesh_distance, st);
     mn_extract_desc desc = {.what = MN_EXTRACT_TRIANGLES, .triangles = theirs.triangles};
     mn_mesh_free(&theirs);
     if (code != MN_OK)
@@ -134,12 +160,12 @@ static mn_code measure_level(const mn_mesh *mesh, const mn_tree *tree, double pe
     if (code != MN_OK)
         return code;
     q->triangles = ours.triangles;
-    code = distance(mesh, &ours, o, &q->distance, st);
+    code = distance(mesh, &ours, o, phases[level][1], &q->distance, st);
     mn_mesh_free(&ours);
     return code;
 }
 
-static mn_code measure_quality(const mn_mesh *mesh, const options *o, figures *f, mn_status *st) {
+static mn_code measure_quality(const mn_mesh *mesh, options *o, figures *f, mn_status *st) {
     mn_tree tree;
     mn_simplify_desc desc = {
         .metric = o->metric, .progress = cli_progress, .progress_context = o->meter};
@@ -149,7 +175,7 @@ static mn_code measure_quality(const mn_mesh *mesh, const options *o, figures *f
     if (code != MN_OK)
         return code;
     for (int i = 0; i < LEVELS && code == MN_OK; i++)
-        code = measure_level(mesh, &tree, percents[i], o, &f->level[i], st);
+        code = measure_level(mesh, &tree, i, o, &f->level[i], st);
     mn_tree_free(&tree);
     return code;
 }
@@ -247,8 +273,9 @@ static void print_json(json *j, const figures *f, const options *o) {
     json_close(j, '}');
 }
 
-static mn_code measure(const char *path, const options *o, figures *f, mn_status *st) {
+static mn_code measure(const char *path, options *o, figures *f, mn_status *st) {
     mn_mesh mesh;
+    o->name = path != NULL ? path : "globe";
     mn_read_desc read = {.progress = cli_progress, .progress_context = o->meter};
     mn_code code = path != NULL ? mn_mesh_read(path, &read, &mesh, st)
                                 : make_globe((uint32_t)o->globe, &mesh, st);
@@ -256,9 +283,7 @@ static mn_code measure(const char *path, const options *o, figures *f, mn_status
         cli_progress_end(o->meter);
         return code;
     }
-    *f = (figures){.name = path != NULL ? path : "globe",
-                   .vertices = mesh.vertices,
-                   .triangles = mesh.triangles};
+    *f = (figures){.name = o->name, .vertices = mesh.vertices, .triangles = mesh.triangles};
     code = measure_speed(&mesh, o, f, st);
     if (code == MN_OK)
         code = measure_quality(&mesh, o, f, st);
@@ -268,9 +293,11 @@ static mn_code measure(const char *path, const options *o, figures *f, mn_status
 }
 
 /* paths end with NULL, which stands for the globe, if there is one. */
-static int report(char **paths, int count, const options *o) {
+static int report(char **paths, int count, options *o) {
     json j;
     mn_status st = {0};
+    if (bench_meshes_are_there(paths, count, &st) != MN_OK)
+        return cli_status(&st);
     bench_one_core();
     if (o->json) {
         json_begin(&j, stdout);
@@ -317,7 +344,12 @@ static mn_code read_options(options *o, int argc, char **argv, bool *done) {
         return (mn_code)cli_error(
             MN_USAGE, "bench simplify: --samples '%s' is not a number like 1M", samples);
     if (optind >= argc && o->globe == 0)
-        return (mn_code)cli_error(MN_USAGE, "bench simplify: which mesh? give a file or --globe N");
+        return (mn_code)cli_error(
+            MN_USAGE,
+            "bench simplify: which FILE? (or --globe N) see metanode bench simplify --help");
+    if (o->runs == 0 && o->samples == 0)
+        return (mn_code)cli_error(
+            MN_USAGE, "bench simplify: --runs 0 and --samples 0: nothing is left to measure");
     return MN_OK;
 }
 

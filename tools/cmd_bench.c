@@ -2,12 +2,14 @@
 #define _GNU_SOURCE
 #include "bench.h"
 
+#include <math.h>
 #include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "cli.h"
+#include "metanode/build.h"
 #include "metanode/format.h"
 
 /* In the order of --help. A measurement adds itself here and to meson.build. */
@@ -24,6 +26,21 @@ mn_code bench_trees_are_there(char **files, int count, mn_status *st) {
     for (int i = 0; i < count && st->code == MN_OK; i++)
         mn_header_read(files[i], &header, st);
     return st->code;
+}
+
+mn_code bench_meshes_are_there(char **files, int count, mn_status *st) {
+    uint64_t vertices, triangles;
+    for (int i = 0; i < count && st->code == MN_OK; i++)
+        mn_mesh_expect(files[i], &vertices, &triangles, st);
+    return st->code;
+}
+
+const char *bench_number(double value, int width, int digits, char text[32]) {
+    if (isfinite(value))
+        snprintf(text, 32, "%*.*f", width, digits, value);
+    else
+        snprintf(text, 32, "%*s", width, "-");
+    return text;
 }
 
 void bench_one_core(void) {

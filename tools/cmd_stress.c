@@ -439,14 +439,19 @@ static void print_words(const options *o, const sums *s) {
                    o->path, (unsigned long long)o->seconds, cli_s(o->seconds));
         return;
     }
-    printf("%s: %llu run%s, %llu frame%s, seeds %llu … %llu, %.1f s\n", o->path,
+    char last_seed[32] = "", most[32] = "";
+    if (s->runs > 1)
+        snprintf(last_seed, sizeof last_seed, " … %llu",
+                 (unsigned long long)(o->seed + s->runs - 1));
+    if (s->k_most > s->k_least)
+        snprintf(most, sizeof most, " to %u", s->k_most);
+    printf("%s: %llu run%s, %llu frame%s, seed%s %llu%s, %.1f s\n", o->path,
            (unsigned long long)s->runs, cli_s(s->runs), (unsigned long long)s->frames,
-           cli_s(s->frames), (unsigned long long)o->seed,
-           (unsigned long long)(o->seed + s->runs - 1), s->seconds);
-    printf("  memory     %u to %u place holders (%u is the least); %llu chunk%s taken away, %llu "
+           cli_s(s->frames), cli_s(s->runs), (unsigned long long)o->seed, last_seed, s->seconds);
+    printf("  memory     %u%s place holder%s (%u is the least); %llu chunk%s taken away, %llu "
            "given back\n",
-           s->k_least, s->k_most, s->k_min, (unsigned long long)s->shrunk, cli_s(s->shrunk),
-           (unsigned long long)s->grown);
+           s->k_least, most, cli_s(s->k_most), s->k_min, (unsigned long long)s->shrunk,
+           cli_s(s->shrunk), (unsigned long long)s->grown);
     printf("  disks      %llu simulated (%llu with faults), %llu io_uring (%llu refused), "
            "%llu pread\n",
            (unsigned long long)s->sim, (unsigned long long)s->faulty, (unsigned long long)s->uring,

@@ -115,7 +115,7 @@ static const char *take_weight(session_options *o, int option, const char *value
         return take_light(o, value) ? NULL : "--light: on, off, or a direction such as -1,1,1";
     default:
         return take_float(value, 1, FACTOR_MAX, &o->light_factor) ? NULL
-                                                                  : "--light-factor: 1 to 1000";
+                                                                  : "--light-factor: in 1 … 1000";
     }
 }
 
@@ -190,7 +190,7 @@ static const char *take(session_options *o, int option, const char *value) {
     case SESSION_TOLERANCE:
         return take_float(value, 1e-3, 1e6, &o->desc.tolerance_px)
                    ? NULL
-                   : "--tolerance: pixels, 0.001 to 1000000";
+                   : "--tolerance: in 0.001 … 1000000 pixels";
     case SESSION_TRIANGLES_MAX:
         return cli_u64(value, 1, UINT32_MAX, &o->desc.triangles_max)
                    ? NULL
@@ -198,15 +198,15 @@ static const char *take(session_options *o, int option, const char *value) {
     case SESSION_SIZE:
         return take_size(o, value) ? NULL : "--size: such as 1280x720, up to 16384 each way";
     case SESSION_FOV:
-        return take_float(value, 1, 170, &o->fov_y_deg) ? NULL : "--fov: 1 to 170 degrees";
+        return take_float(value, 1, 170, &o->fov_y_deg) ? NULL : "--fov: in 1 … 170 degrees";
     case SESSION_FRAMES:
         if (!cli_u64(value, 1, 1000000000, &count))
-            return "--frames: 1 to 1000000000";
+            return "--frames: in 1 … 1000000000";
         o->frames = (uint32_t)count;
         o->frames_given = true;
         return NULL;
     case SESSION_FPS:
-        return take_float(value, 0, 1e6, &o->desc.fps) ? NULL : "--fps: 0 to 1000000";
+        return take_float(value, 0, 1e6, &o->desc.fps) ? NULL : "--fps: in 0 … 1000000";
     case SESSION_NAV_OPS:
         return cli_u64(value, 0, UINT64_MAX, &o->desc.nav_ops)
                    ? NULL
@@ -237,7 +237,8 @@ bool session_options_take(session_options *o, const char *command, int option, c
     const char *wanted = take(o, option, value);
     *code = MN_OK;
     if (wanted != NULL)
-        *code = cli_error(MN_USAGE, "%s: '%s' will not do for %s", command, value, wanted);
+        *code = cli_error(MN_USAGE, "%s: %.*s '%s' is not %s", command, (int)strcspn(wanted, ":"),
+                          wanted, value, wanted + strcspn(wanted, ":") + 2);
     return true;
 }
 

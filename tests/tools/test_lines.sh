@@ -267,7 +267,39 @@ grep -q '^run  *1 frame in ' out.txt || fail "one frame: $(grep ^run out.txt)"
 head -c $(($(wc -c <a.mnt) - 1)) a.mnt >cut.mnt
 expect 3 info cut.mnt
 says "cut off: it has $(wc -c <cut.mnt) bytes, file_bytes is $(wc -c <a.mnt);"
-expect 0 stress a.mnt --io pread --runs 1 --frames 20
-grep -q ': 1 run, ' out.txt || fail "one run: $(head -n 1 out.txt)"
+expect 0 stress a.mnt --io pread --runs 1 --frames 20 --seed 7
+grep -q ': 1 run, .* seed 7, ' out.txt || fail "one run: $(head -n 1 out.txt)"
+grep -q '^  memory  *[0-9]* place holders (' out.txt || fail "one number of them: $(sed -n 2p out.txt)"
+
+# --- what is measured: files are looked at before, nothing is called so, and of nothing there are no figures
+for bench in adapt draw error simplify; do
+    expect 2 bench $bench
+    says "metanode: bench $bench: which FILE?.* see metanode bench $bench --help"
+    file=one.ply
+    [ $bench = error ] || [ $bench = simplify ] || file=one.mnt
+    expect 3 bench $bench $file missing
+    says 'missing: cannot'
+    [ -s out.txt ] && fail "bench $bench begins though a file is missing: $(cat out.txt)"
+done
+for command in "replay a.mnt --path orbit" "bench adapt a.mnt" "bench draw a.mnt"; do
+    # shellcheck disable=SC2086 # a command and its words
+    expect 2 $command --frames -1
+    says "${command% a.mnt*}: --frames '-1' is not in 1 … 1000000"
+done
+expect 2 bench simplify one.ply --runs 0 --samples 0
+says 'nothing is left to measure'
+expect 2 bench draw one.mnt --frames 1
+says 'frames 1: .*2 at least'
+expect 0 bench error one.ply --samples 100
+grep -q nan out.txt && fail "bench error: $(cat out.txt)"
+grep -q ': 1 triangle, ' out.txt || fail "one triangle: $(cat out.txt)"
+expect 0 bench adapt one.mnt --frames 2 --slow-frames 2
+grep -q nan out.txt && fail "bench adapt: $(cat out.txt)"
+{ sed -e 's/vertex 3/vertex 5/' -e 's/face 1/face 3/' -e '/^3 0 1 2$/d' one.ply &&
+    printf '0 -1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 1 4\n'; } >fins.ply
+"$metanode" bench simplify fins.ply --runs 1 --samples 0 >out.txt 2>err.txt
+grep -q 'no helper\|not there' err.txt || {
+    says '^metanode: fins.ply: OpenMesh, .*: not a manifold.*another mesh$'
+}
 
 exit $((failures > 0))
