@@ -158,8 +158,9 @@ static mni_outcome split_next(mni_navigator *nav, uint32_t slot, uint32_t top, u
                                                                            : MNI_DONE;
 }
 
-/* No recursion: order ids rise along the stack, so that it ends. When a block is absent it goes on
- * with what does not depend on that; but not with what another chain has found in this frame. */
+/* No recursion: order ids rise from who has pushed to who was pushed, so that it ends. When a block
+ * is absent it goes on with what does not depend on that; but not with what another chain has found
+ * in this frame. */
 mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
     mni_front *front = &nav->front;
     mni_outcome outcome = MNI_DONE;
@@ -174,7 +175,7 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
         return MNI_MISS;
     }
     mni_lacking_chain(&nav->lacking);
-    if (mni_scarce_begin(nav, &who))
+    if (mni_scarce_begin(nav, &top, &who))
         outcome = MNI_REFUSED_POOL;
     while (top > 0 && outcome == MNI_DONE) {
         mni_front_ref at = nav->stack[top - 1];

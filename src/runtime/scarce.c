@@ -10,6 +10,10 @@
  *     wanted ── blockers ── their blockers …      some are exits: their blocks, each once, but for
  *        └────────┴──────────────┘                those in use, their ancestors and what is granted
  *
+ * When there is room for it, the chain goes on with all that have been found: they are to be split,
+ * last ones first. So nobody is looked at only to be found again; and their simplices are asked for
+ * while others are looked at.
+ *
  * Hides: which blocks have been counted, and who has been looked at: a bit of a few hundred, by
  * order id. Whoever shares it with another is not looked at here, and found when it is split.
  *
@@ -86,9 +90,10 @@ static bool is_new(uint64_t seen[SEEN_BITS / 64], uint32_t order) {
 }
 
 /* The stack is a queue here: who is looked at stays on it, so that pushers lead back. */
-bool mni_scarce_begin(mni_navigator *nav, uint32_t *who) {
+bool mni_scarce_begin(mni_navigator *nav, uint32_t *all, uint32_t *who) {
     uint64_t seen[SEEN_BITS / 64] = {0};
     uint32_t top = 1;
+    *all = 1;
     nav->needs_count = 0;
     if (mni_scarce_pushed(nav, 0, 1, who))
         return true;
@@ -106,8 +111,11 @@ bool mni_scarce_begin(mni_navigator *nav, uint32_t *who) {
                 nav->pusher[top] = (uint16_t)next;
                 nav->stack[top++] = nav->stack[i];
             }
+        for (uint32_t i = first; i < top; i++)
+            mni_front_fetch_simplices(&nav->front, nav->stack[i].slot, true);
         if (mni_scarce_pushed(nav, first, top - first, who))
             return true;
     }
+    *all = top;
     return false;
 }

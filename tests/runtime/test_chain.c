@@ -218,7 +218,7 @@ static mni_outcome chain_by_splitting(flight *f, uint32_t slot) {
  * it is asked for them one after the other, and not for all. */
 START_TEST(no_room_is_known_before) {
     flight f;
-    uint32_t known = 0, refused = 0, who;
+    uint32_t known = 0, refused = 0, who, all;
     uint64_t undone = 0, splits = 0;
     short_of_places(&f);
     for (int i = 0; i < FRAMES; i++) {
@@ -232,7 +232,7 @@ START_TEST(no_room_is_known_before) {
             f.nav.stack[0] = mni_front_ref_of(front, slot);
             f.nav.pusher[0] = MNI_NOBODY;
             const uint64_t version = front->version, before = f.nav.work.undone;
-            const bool is = mni_scarce_begin(&f.nav, &who);
+            const bool is = mni_scarce_begin(&f.nav, &all, &who);
             mni_store_attempt_over(f.store);
             ck_assert_uint_eq(front->version, version);
             ck_assert_uint_eq(f.nav.work.undone, before);
@@ -253,12 +253,54 @@ START_TEST(no_room_is_known_before) {
 }
 END_TEST
 
+/* Who is found before the first split is to be split: each is above the one for whose sake he was
+ * found on the stack, has a higher order id, and is gone when the chain has gone through. */
+START_TEST(who_is_found_is_split) {
+    enum { FOUND_MAX = 256 };
+    flight f;
+    mni_front_ref found[FOUND_MAX];
+    uint32_t who, all, count, gone = 0;
+    short_of_places(&f);
+    for (int i = 0; i < FRAMES; i++) {
+        turn_short(&f, i);
+        mni_navigator *nav = &f.nav;
+        for (uint32_t slot = 0; i % 8 == 0 && slot < nav->front.slots_high; slot++) {
+            if (!mni_front_is_active(&nav->front, slot) || mni_front_is_leaf(&nav->front, slot))
+                continue;
+            nav->stack[0] = mni_front_ref_of(&nav->front, slot);
+            nav->pusher[0] = MNI_NOBODY;
+            const bool is = mni_scarce_begin(nav, &all, &who);
+            mni_store_attempt_over(f.store);
+            if (is)
+                continue;
+            ck_assert_uint_le(all, FOUND_MAX);
+            memcpy(found, nav->stack, all * sizeof *found);
+            for (uint32_t at = 1; at < all; at++) {
+                ck_assert_uint_lt(nav->pusher[at], at);
+                ck_assert_uint_gt(found[at].order, found[nav->pusher[at]].order);
+            }
+            if (mni_chain_find(nav, slot, &count) == MNI_DONE) {
+                ck_assert_uint_ge(count, all);
+                for (uint32_t at = 0; at < all; at++)
+                    ck_assert(!mni_front_stands(&nav->front, found[at]));
+                gone += all - 1;
+            }
+            while (count > 0)
+                mni_front_unsplit(&nav->front, nav->chain[--count]);
+            mni_store_attempt_over(f.store);
+        }
+    }
+    ck_assert_uint_gt(gone, 100);
+    flight_close(&f);
+}
+END_TEST
+
 /* While the camera stands a chain is refused for what it has asked for, not for what is counted:
  * its own grants are room that it has, and so every round of reads ends in a switch or a refusal.
  */
 START_TEST(a_still_camera_asks) {
     flight f;
-    uint32_t who, refused = 0;
+    uint32_t all, who, refused = 0;
     short_of_places(&f);
     for (int i = 0; i < FRAMES; i++) {
         turn_short(&f, i / 10);
@@ -269,7 +311,7 @@ START_TEST(a_still_camera_asks) {
                 continue;
             f.nav.stack[0] = mni_front_ref_of(front, slot);
             f.nav.pusher[0] = MNI_NOBODY;
-            ck_assert(!mni_scarce_begin(&f.nav, &who));
+            ck_assert(!mni_scarce_begin(&f.nav, &all, &who) && all == 1);
         }
     }
     ck_assert_uint_gt(refused, 0);
@@ -330,6 +372,7 @@ int main(void) {
     tcase_add_loop_test(tc, missed_again_in_the_frame, 0, 2);
     tcase_add_test(tc, a_miss_is_no_want_of_room);
     tcase_add_test(tc, no_room_is_known_before);
+    tcase_add_test(tc, who_is_found_is_split);
     tcase_add_test(tc, a_still_camera_asks);
     tcase_add_test(tc, what_no_place_could_hold_is_not_sought);
     suite_add_tcase(suite, tc);
