@@ -7,6 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
 /* Triangles (k, a, b), side by side. */
 enum { SIDE = 8 };
 struct mni_star_triangles {
@@ -15,7 +19,7 @@ struct mni_star_triangles {
     float ab[3][SIDE];
     float aa[SIDE], bb[SIDE], a_dot_b[SIDE];
     float aa_inverse[SIDE], ab_inverse[SIDE]; /* of squared lengths; 0: an edge without length */
-    float area_inverse[SIDE]; /* 1 / (aa·bb − (a·b)²); 0: a triangle without area */
+    float area_inverse[SIDE]; /* 1 / (aa·bb − (a·b)²); NAN: a triangle without area */
 };
 
 /* Ends are counted as hashes: a fan whose ends differ passes for closed with a chance of 2^-32, and
@@ -103,7 +107,7 @@ static inline __attribute__((always_inline)) void prepare(mni_star_triangles *t,
             t->a_dot_b[l] = ab;
             t->aa_inverse[l] = inverse(aa);
             t->ab_inverse[l] = inverse(side);
-            t->area_inverse[l] = area > 1e-10f * aa * bb ? 1 / area : 0;
+            t->area_inverse[l] = area > 1e-10f * aa * bb ? 1 / area : NAN;
         }
     }
 }
@@ -112,29 +116,29 @@ static inline __attribute__((always_inline)) void prepare(mni_star_triangles *t,
  * formed before they are squared: the other way round loses half of the digits. Loops over lanes
  * are written for the compiler to make vectors of; on_a and on_ab are kept in between, or it takes
  * apart all that is made of them into cases. */
-static inline __attribute__((always_inline)) void
-measure(const mni_star_triangles *triangles, uint32_t count, mni_points *points, const int lanes) {
-    for (uint32_t at = 0; at < points->count; at += (uint32_t)lanes) {
+static inline __attribute__((always_inline)) void measure(const mni_star_triangles *triangles,
+                                                          uint32_t count, mni_points *points) {
+    for (uint32_t at = 0; at < points->count; at += MNI_LANES) {
         const float *x = &points->x[at], *y = &points->y[at], *z = &points->z[at];
-        float least[LANES_MAX], on_a[LANES_MAX], on_ab[LANES_MAX];
-        for (int l = 0; l < lanes; l++)
+        float least[MNI_LANES], on_a[MNI_LANES], on_ab[MNI_LANES];
+        for (int l = 0; l < MNI_LANES; l++)
             least[l] = INFINITY;
         for (uint32_t n = 0; n < count; n++) {
             const mni_star_triangles *t = &triangles[n / SIDE];
             const uint32_t i = n % SIDE;
-            for (int l = 0; l < lanes; l++) {
+            for (int l = 0; l < MNI_LANES; l++) {
                 float pa = x[l] * t->a[0][i] + y[l] * t->a[1][i] + z[l] * t->a[2][i];
                 float qx = x[l] - t->a[0][i], qy = y[l] - t->a[1][i], qz = z[l] - t->a[2][i];
                 float q_ab = qx * t->ab[0][i] + qy * t->ab[1][i] + qz * t->ab[2][i];
                 on_a[l] = clamp01(pa * t->aa_inverse[i]);
                 on_ab[l] = clamp01(q_ab * t->ab_inverse[i]);
             }
-            for (int l = 0; l < lanes; l++) {
+            for (int l = 0; l < MNI_LANES; l++) {
                 float pa = x[l] * t->a[0][i] + y[l] * t->a[1][i] + z[l] * t->a[2][i];
                 float pb = x[l] * t->b[0][i] + y[l] * t->b[1][i] + z[l] * t->b[2][i];
                 float u = (t->bb[i] * pa - t->a_dot_b[i] * pb) * t->area_inverse[i];
                 float v = (t->aa[i] * pb - t->a_dot_b[i] * pa) * t->area_inverse[i];
-                bool above = (u >= 0) & (v >= 0) & (u + v <= 1) & (t->area_inverse[i] > 0);
+                bool above = (u >= 0) & (v >= 0) & (u + v <= 1); /* never where there is no area */
                 float plane = square(x[l] - u * t->a[0][i] - v * t->b[0][i],
                                      y[l] - u * t->a[1][i] - v * t->b[1][i],
                                      z[l] - u * t->a[2][i] - v * t->b[2][i]);
@@ -148,7 +152,7 @@ measure(const mni_star_triangles *triangles, uint32_t count, mni_points *points,
                 least[l] = least[l] < distance2 ? least[l] : distance2;
             }
         }
-        for (int l = 0; l < lanes; l++)
+        for (int l = 0; l < MNI_LANES; l++)
             points->distance[at + (uint32_t)l] = sqrtf(least[l]);
     }
 }
@@ -158,23 +162,76 @@ static void prepare_narrow(mni_star_triangles *t, const mni_star_corners *c) {
 }
 
 static void measure_narrow(const mni_star_triangles *t, uint32_t count, mni_points *points) {
-    measure(t, count, points, MNI_LANES);
+    measure(t, count, points);
 }
 
 #ifdef __x86_64__
 #define WIDE __attribute__((target("avx2")))
-#define WIDEST __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,prefer-vector-width=512")))
+#define WIDEST __attribute__((target("avx512f,avx512bw,avx512vl,avx512dq")))
 
 WIDE static void prepare_wide(mni_star_triangles *t, const mni_star_corners *c) {
     prepare(t, c, true);
 }
 
 WIDE static void measure_wide(const mni_star_triangles *t, uint32_t count, mni_points *points) {
-    measure(t, count, points, MNI_LANES);
+    measure(t, count, points);
 }
 
-WIDEST static void measure_widest(const mni_star_triangles *t, uint32_t count, mni_points *points) {
-    measure(t, count, points, LANES_MAX);
+/* What is asked of a triangle, in every lane. */
+#define ALL(x) _mm512_set1_ps(x)
+
+typedef struct wide_place {
+    __m512 x, y, z;
+} wide_place;
+
+WIDEST static inline __m512 wide_dot(wide_place p, const float of[3][SIDE], uint32_t i) {
+    return p.x * ALL(of[0][i]) + p.y * ALL(of[1][i]) + p.z * ALL(of[2][i]);
+}
+
+/* p − by × of. */
+WIDEST static inline wide_place wide_beyond(wide_place p, __m512 by, const float of[3][SIDE],
+                                            uint32_t i) {
+    return (wide_place){p.x - by * ALL(of[0][i]), p.y - by * ALL(of[1][i]),
+                        p.z - by * ALL(of[2][i])};
+}
+
+WIDEST static inline __m512 wide_square(wide_place p) {
+    return p.x * p.x + p.y * p.y + p.z * p.z;
+}
+
+WIDEST static inline __m512 wide_clamp(__m512 t) {
+    return _mm512_min_ps(_mm512_max_ps(t, _mm512_setzero_ps()), ALL(1));
+}
+
+/* As measure(), operation by operation. Of that the compiler makes twice as many instructions here:
+ * it has no use for minima and maxima. */
+WIDEST static void measure_widest(const mni_star_triangles *triangles, uint32_t count,
+                                  mni_points *points) {
+    for (uint32_t at = 0; at < points->count; at += LANES_MAX) {
+        const wide_place p = {_mm512_loadu_ps(&points->x[at]), _mm512_loadu_ps(&points->y[at]),
+                              _mm512_loadu_ps(&points->z[at])};
+        __m512 least = ALL(INFINITY);
+        for (uint32_t n = 0; n < count; n++) {
+            const mni_star_triangles *t = &triangles[n / SIDE];
+            const uint32_t i = n % SIDE;
+            const wide_place q = {p.x - ALL(t->a[0][i]), p.y - ALL(t->a[1][i]),
+                                  p.z - ALL(t->a[2][i])};
+            __m512 pa = wide_dot(p, t->a, i), pb = wide_dot(p, t->b, i);
+            __m512 on_a = wide_clamp(pa * ALL(t->aa_inverse[i]));
+            __m512 on_ab = wide_clamp(wide_dot(q, t->ab, i) * ALL(t->ab_inverse[i]));
+            __m512 u = (ALL(t->bb[i]) * pa - ALL(t->a_dot_b[i]) * pb) * ALL(t->area_inverse[i]);
+            __m512 v = (ALL(t->aa[i]) * pb - ALL(t->a_dot_b[i]) * pa) * ALL(t->area_inverse[i]);
+            __mmask16 above = _mm512_cmp_ps_mask(u, _mm512_setzero_ps(), _CMP_GE_OQ);
+            above = _mm512_mask_cmp_ps_mask(above, v, _mm512_setzero_ps(), _CMP_GE_OQ);
+            above = _mm512_mask_cmp_ps_mask(above, u + v, ALL(1), _CMP_LE_OQ);
+            __m512 plane = wide_square(wide_beyond(wide_beyond(p, u, t->a, i), v, t->b, i));
+            __m512 edge_a = wide_square(wide_beyond(p, on_a, t->a, i));
+            __m512 edge_ab = wide_square(wide_beyond(q, on_ab, t->ab, i));
+            __m512 edge = _mm512_min_ps(edge_a, edge_ab);
+            least = _mm512_min_ps(least, _mm512_mask_mov_ps(edge, above, plane));
+        }
+        _mm512_storeu_ps(&points->distance[at], _mm512_sqrt_ps(least));
+    }
 }
 #endif
 
