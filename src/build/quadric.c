@@ -85,82 +85,128 @@ void mni_quadric_add_triangle(mni_surface *surface, uint32_t v, uint32_t t) {
 
 /* ---- costs of a ring's candidates, side by side ---------------------------------------------- */
 
-typedef double lanes __attribute__((vector_size(32)));
-typedef uint64_t bits __attribute__((vector_size(32)));
-typedef float halves __attribute__((vector_size(16)));
-enum { LANES = 4 };
-
-/* Of rows a and b: a0 b0 a2 b2; a1 b1 a3 b3; a0 a1 b0 b1; a2 a3 b2 b3. */
+/* Two widths of the same. Of rows a and b, in each half of a row of eight: a0 b0 a2 b2; a1 b1 a3
+ * b3; a0 a1 b0 b1; a2 a3 b2 b3. */
+enum { FOUR = 4, EIGHT = 8 };
 #define EVEN(a, b) __builtin_shufflevector(a, b, 0, 4, 2, 6)
 #define ODD(a, b) __builtin_shufflevector(a, b, 1, 5, 3, 7)
 #define LOW(a, b) __builtin_shufflevector(a, b, 0, 1, 4, 5)
 #define HIGH(a, b) __builtin_shufflevector(a, b, 2, 3, 6, 7)
+#define EVENS(a, b) __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14)
+#define ODDS(a, b) __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15)
+#define LOWS(a, b) __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13)
+#define HIGHS(a, b) __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15)
+#define BOTH(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7)
 
 _Static_assert(offsetof(mni_vertex, zz) == offsetof(mni_vertex, c) + 3 * sizeof(double) &&
                    offsetof(mni_vertex, value) == 3 * sizeof(float),
                "a place and a half of the quadric are a load each");
 
-/* As mni_collapse_cost has it, operation by operation. What is asked of neighbours comes in as rows
- * and is turned into columns: to put it together number by number takes longer than what is done
- * with it. */
-static inline __attribute__((always_inline)) void four_keys(const mni_vertex *r,
-                                                            const mni_vertex *const k[LANES],
-                                                            const uint32_t kept[LANES],
-                                                            mni_heap_key key[LANES]) {
-    halves p[LANES];
-    lanes q[LANES];
-    for (int l = 0; l < LANES; l++) {
-        memcpy(&p[l], k[l]->p, sizeof k[l]->p + sizeof k[l]->value);
-        memcpy(&q[l], &k[l]->c, sizeof q[l]);
+/* What is asked of some neighbours, and their keys: as mni_collapse_cost has it, operation by
+ * operation. */
+#define COSTS(LANES, lanes, bits, halves, half_bits, columns, costs_of)                            \
+    typedef double lanes __attribute__((vector_size(8 * LANES)));                                  \
+    typedef uint64_t bits __attribute__((vector_size(8 * LANES)));                                 \
+    typedef float halves __attribute__((vector_size(4 * LANES)));                                  \
+    typedef uint32_t half_bits __attribute__((vector_size(4 * LANES)));                            \
+    typedef struct columns {                                                                       \
+        halves px, py, pz;                                                                         \
+        lanes c, xx, yy, zz;                                                                       \
+    } columns;                                                                                     \
+    static inline __attribute__((always_inline)) void costs_of(                                    \
+        const mni_vertex *r, const columns *k, const uint32_t *kept, mni_heap_key *key) {          \
+        lanes x = __builtin_convertvector(k->px, lanes) - (double)r->p[0];                         \
+        lanes y = __builtin_convertvector(k->py, lanes) - (double)r->p[1];                         \
+        lanes z = __builtin_convertvector(k->pz, lanes) - (double)r->p[2];                         \
+        lanes length2 = x * x + y * y + z * z;                                                     \
+        lanes share = MNI_LENGTH_SHARE * ((r->xx + r->yy + r->zz) + (k->xx + k->yy + k->zz));      \
+        lanes value =                                                                              \
+            r->xx * x * x + r->yy * y * y + r->zz * z * z +                                        \
+            2 * (r->xy * x * y + r->xz * x * z + r->yz * y * z + r->x * x + r->y * y + r->z * z) + \
+            r->c;                                                                                  \
+        value = (lanes)((bits)value & (bits)(value > 0));                                          \
+        halves cost = __builtin_convertvector(value + k->c + share * length2, halves);             \
+        half_bits of;                                                                              \
+        memcpy(&of, kept, sizeof of);                                                              \
+        bits keys = __builtin_convertvector((half_bits)cost, bits) << 32 |                         \
+                    __builtin_convertvector(of, bits);                                             \
+        memcpy(key, &keys, sizeof keys);                                                           \
     }
-    halves xz0 = EVEN(p[0], p[1]), xz1 = EVEN(p[2], p[3]);
-    halves y0 = ODD(p[0], p[1]), y1 = ODD(p[2], p[3]);
-    lanes x = __builtin_convertvector(LOW(xz0, xz1), lanes) - (double)r->p[0];
-    lanes y = __builtin_convertvector(LOW(y0, y1), lanes) - (double)r->p[1];
-    lanes z = __builtin_convertvector(HIGH(xz0, xz1), lanes) - (double)r->p[2];
-    lanes a = EVEN(q[0], q[1]), b = EVEN(q[2], q[3]);
-    lanes c = ODD(q[0], q[1]), d = ODD(q[2], q[3]);
-    lanes of_k = LOW(a, b), xx = LOW(c, d), yy = HIGH(a, b), zz = HIGH(c, d);
-    lanes length2 = x * x + y * y + z * z;
-    lanes share = MNI_LENGTH_SHARE * ((r->xx + r->yy + r->zz) + (xx + yy + zz));
-    lanes value =
-        r->xx * x * x + r->yy * y * y + r->zz * z * z +
-        2 * (r->xy * x * y + r->xz * x * z + r->yz * y * z + r->x * x + r->y * y + r->z * z) + r->c;
-    value = (lanes)((bits)value & (bits)(value > 0));
-    halves cost = __builtin_convertvector(value + of_k + share * length2, halves);
-    mni_four of, cost_bits;
-    memcpy(&of, kept, sizeof of);
-    memcpy(&cost_bits, &cost, sizeof cost_bits);
-    bits keys = __builtin_convertvector(cost_bits, bits) << 32 | __builtin_convertvector(of, bits);
-    memcpy(key, &keys, sizeof keys);
-}
 
-static inline __attribute__((always_inline)) void keys_of(const mni_vertex *vertex, uint32_t r,
-                                                          const uint32_t *kept, uint32_t count,
-                                                          mni_heap_key *key) {
-    for (uint32_t i = 0; i < count; i += LANES) {
-        const mni_vertex *k[LANES];
-        for (uint32_t l = 0; l < LANES; l++)
-            k[l] = &vertex[kept[i + l]];
-        four_keys(&vertex[r], k, &kept[i], &key[i]);
+COSTS(FOUR, lanes_4, bits_4, halves_4, half_bits_4, columns_4, costs_of_four)
+
+/* What is asked of neighbours comes in as rows and is turned into columns: to put it together
+ * number by number takes longer than what is done with it. */
+static inline __attribute__((always_inline)) void
+four_keys(const mni_vertex *vertex, uint32_t r, const uint32_t *kept, mni_heap_key *key) {
+    halves_4 p[FOUR];
+    lanes_4 q[FOUR];
+    for (int l = 0; l < FOUR; l++) {
+        memcpy(&p[l], vertex[kept[l]].p, sizeof p[l]);
+        memcpy(&q[l], &vertex[kept[l]].c, sizeof q[l]);
     }
+    halves_4 xz0 = EVEN(p[0], p[1]), xz1 = EVEN(p[2], p[3]);
+    halves_4 y0 = ODD(p[0], p[1]), y1 = ODD(p[2], p[3]);
+    lanes_4 a = EVEN(q[0], q[1]), b = EVEN(q[2], q[3]), c = ODD(q[0], q[1]), d = ODD(q[2], q[3]);
+    columns_4 k = {.px = LOW(xz0, xz1),
+                   .py = LOW(y0, y1),
+                   .pz = HIGH(xz0, xz1),
+                   .c = LOW(a, b),
+                   .xx = LOW(c, d),
+                   .yy = HIGH(a, b),
+                   .zz = HIGH(c, d)};
+    costs_of_four(&vertex[r], &k, kept, key);
 }
 
 void mni_collapse_keys_narrow(const mni_vertex *vertex, uint32_t r, const uint32_t *kept,
                               uint32_t count, mni_heap_key *key) {
-    keys_of(vertex, r, kept, count, key);
+    for (uint32_t i = 0; i < count; i += FOUR)
+        four_keys(vertex, r, &kept[i], &key[i]);
 }
 
 #ifdef __x86_64__
 __attribute__((target("avx2"))) static void keys_wide(const mni_vertex *vertex, uint32_t r,
                                                       const uint32_t *kept, uint32_t count,
                                                       mni_heap_key *key) {
-    keys_of(vertex, r, kept, count, key);
+    for (uint32_t i = 0; i < count; i += FOUR)
+        four_keys(vertex, r, &kept[i], &key[i]);
+}
+
+COSTS(EIGHT, lanes_8, bits_8, halves_8, half_bits_8, columns_8, costs_of_eight)
+
+__attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,prefer-vector-width=512"))) static void
+keys_widest(const mni_vertex *vertex, uint32_t r, const uint32_t *kept, uint32_t count,
+            mni_heap_key *key) {
+    for (uint32_t i = 0; i < count; i += EIGHT) {
+        halves_4 p[EIGHT];
+        lanes_4 q[EIGHT];
+        for (int l = 0; l < EIGHT; l++) {
+            memcpy(&p[l], vertex[kept[i + l]].p, sizeof p[l]);
+            memcpy(&q[l], &vertex[kept[i + l]].c, sizeof q[l]);
+        }
+        halves_8 p0 = BOTH(p[0], p[4]), p1 = BOTH(p[1], p[5]);
+        halves_8 p2 = BOTH(p[2], p[6]), p3 = BOTH(p[3], p[7]);
+        lanes_8 q0 = BOTH(q[0], q[4]), q1 = BOTH(q[1], q[5]);
+        lanes_8 q2 = BOTH(q[2], q[6]), q3 = BOTH(q[3], q[7]);
+        halves_8 xz0 = EVENS(p0, p1), xz1 = EVENS(p2, p3), y0 = ODDS(p0, p1), y1 = ODDS(p2, p3);
+        lanes_8 a = EVENS(q0, q1), b = EVENS(q2, q3), c = ODDS(q0, q1), d = ODDS(q2, q3);
+        columns_8 k = {.px = LOWS(xz0, xz1),
+                       .py = LOWS(y0, y1),
+                       .pz = HIGHS(xz0, xz1),
+                       .c = LOWS(a, b),
+                       .xx = LOWS(c, d),
+                       .yy = HIGHS(a, b),
+                       .zz = HIGHS(c, d)};
+        costs_of_eight(&vertex[r], &k, &kept[i], &key[i]);
+    }
 }
 #endif
 
 mni_collapse_keys *mni_collapse_keys_best(void) {
 #ifdef __x86_64__
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+        __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq"))
+        return keys_widest;
     if (__builtin_cpu_supports("avx2"))
         return keys_wide;
 #endif
