@@ -169,12 +169,19 @@ static mn_code csv_open(replay *r, mn_status *st) {
 
 static mn_code images_open(replay *r, mn_status *st) {
     const mn_session_desc *d = &r->options.desc;
-    if (r->images_dir != NULL && mkdir(r->images_dir, 0777) != 0 && errno != EEXIST)
-        return mn_fail(
-            st, MN_FAILED,
-            "--images %s: cannot be made: %s; name a directory in one that is there, and "
-            "can be written",
-            r->images_dir, strerror(errno));
+    struct stat about = {0};
+    if (r->images_dir != NULL && mkdir(r->images_dir, 0777) != 0) {
+        const int error = errno;
+        if (error == EEXIST && stat(r->images_dir, &about) == 0 && !S_ISDIR(about.st_mode))
+            return mn_fail(st, MN_FAILED, "--images %s: is a file; name a directory",
+                           r->images_dir);
+        if (error != EEXIST)
+            return mn_fail(
+                st, mn_code_of_write(error),
+                "--images %s: cannot be made: %s; name a directory in one that is there, and "
+                "can be written",
+                r->images_dir, strerror(error));
+    }
     return picture_open(&r->picture, r->session, d->width_px, d->height_px, r->compared, st);
 }
 

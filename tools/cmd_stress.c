@@ -575,9 +575,9 @@ int cmd_stress(int argc, char **argv) {
     const char *k = NULL;
     bool done = false;
     const cli_flag flags[] = {
-        CLI_WHOLE("seconds", &o.seconds, 1, 1000000, "seconds"),
-        CLI_WHOLE("runs", &o.runs, 1, UINT32_MAX, "a number of runs"),
-        CLI_WHOLE("frames", &o.frames, 1, 1000000, "a number of frames, up to a million"),
+        CLI_WHOLE("seconds", &o.seconds, 1, 1000000, "in 1 … 1000000 seconds"),
+        CLI_WHOLE("runs", &o.runs, 1, UINT32_MAX, "in 1 … 4294967295 runs"),
+        CLI_WHOLE("frames", &o.frames, 1, 1000000, "in 1 … 1000000 frames"),
         CLI_WHOLE("seed", &o.seed, 0, UINT64_MAX / 2, "a number from 0"),
         {.name = "holders", .letter = 'K', .kind = CLI_IS_TEXT, .to = &k},
         CLI_CHOICE("io", &o.io, ios, "mix, sim, uring or pread"),

@@ -194,7 +194,7 @@ static const char *take(session_options *o, int option, const char *value) {
     case SESSION_TRIANGLES_MAX:
         return cli_u64(value, 1, UINT32_MAX, &o->desc.triangles_max)
                    ? NULL
-                   : "--triangles-max: a number above 0";
+                   : "--triangles-max: in 1 … 4294967295";
     case SESSION_SIZE:
         return take_size(o, value) ? NULL : "--size: such as 1280x720, up to 16384 each way";
     case SESSION_FOV:

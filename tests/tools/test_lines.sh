@@ -168,6 +168,8 @@ for option in --csv --trace --write-path; do
     expect 1 replay a.mnt --path orbit --frames 2 --fps 0 $option no/such
     says 'no/such: cannot be written: .*name a file in a directory that is there'
 done
+expect 1 replay a.mnt --path orbit --frames 2 --fps 0 --images in.ply --size 32x32
+says 'images in.ply: is a file; name a directory'
 expect 1 replay a.mnt --path orbit --frames 2 --fps 0 --images no/such
 says 'no/such: cannot be made: .*name a directory in one that is there'
 
@@ -281,6 +283,10 @@ for bench in adapt draw error simplify; do
     says 'missing: cannot'
     [ -s out.txt ] && fail "bench $bench begins though a file is missing: $(cat out.txt)"
 done
+expect 2 stress a.mnt --seconds 0
+says "stress: --seconds '0' is not in 1 … 1000000 seconds"
+expect 2 replay a.mnt --path orbit --triangles-max 99999999999
+says "triangles-max '99999999999' is not in 1 …"
 for command in "replay a.mnt --path orbit" "bench adapt a.mnt" "bench draw a.mnt"; do
     # shellcheck disable=SC2086 # a command and its words
     expect 2 $command --frames -1
