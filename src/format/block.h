@@ -141,8 +141,9 @@ void mni_block_children(const mni_block *view, mni_node *node);
 /* What mni_block_split will read, or mni_block_exit, asked for ahead of time; the bytes may be gone
  * meanwhile. */
 static inline void mni_block_fetch(const mni_block *view, uint32_t index, bool exit) {
-    const uint8_t *row = (exit ? view->exit_rows : view->node_rows) +
-                         ((uint64_t)index * (exit ? view->exit_bits : view->node_bits) >> 3);
+    const uint8_t *const rows[] = {view->node_rows, view->exit_rows}; /* nobody can guess which */
+    const uint32_t bits[] = {view->node_bits, view->exit_bits};
+    const uint8_t *row = rows[exit] + ((uint64_t)index * bits[exit] >> 3);
     __builtin_prefetch(row);
     __builtin_prefetch(row + 64);
 }

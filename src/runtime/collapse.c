@@ -53,10 +53,8 @@ static void judge_forks(mni_navigator *nav, const uint32_t *fork, int count, boo
                 stays || (soon[i] == MNI_UNSURE && mni_lens_wants(&nav->ahead.soon.lens, &bounds));
         }
         const float least = mni_nearer(margin[i], soon_margin[i]);
-        nav->fork_due[fork[i]] = kept ? MNI_DUE_NOW
-                                      : mni_due_after(nav, wants   ? margin[i]
-                                                           : stays ? soon_margin[i]
-                                                                   : least);
+        const float until[] = {least, soon_margin[i], margin[i], margin[i]}; /* nobody can guess */
+        nav->fork_due[fork[i]] = kept ? MNI_DUE_NOW : mni_due_after(nav, until[2 * wants + stays]);
         stays |= wants | kept;
         if (stays & waits)
             mni_waiting_drop(&nav->waiting, fork[i]);
@@ -163,7 +161,7 @@ static uint32_t next_forks(mni_navigator *nav, uint32_t *fork, uint32_t room) {
  * free. */
 static uint32_t test_forks(mni_navigator *nav, uint32_t *fork, uint32_t count) {
     mni_front *front = &nav->front;
-    uint32_t blocker[TOGETHER], kept = 0;
+    uint32_t blocker[TOGETHER], blocked[TOGETHER], kept = 0, waits = 0;
     mni_rings rings[TOGETHER];
     nav->work.tested += count;
     for (uint32_t i = 0; i < count; i++)
@@ -173,18 +171,21 @@ static uint32_t test_forks(mni_navigator *nav, uint32_t *fork, uint32_t count) {
             mni_front_fetch_simplices(front, front->branch[fork[i]].child[side], false);
     for (uint32_t i = 0; i < count; i++)
         mni_front_look(front, fork[i], &rings[i]);
-    for (uint32_t i = 0; i < count; i++)
-        blocker[i] = mni_front_blocker_among(front, fork[i], &rings[i]);
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < count; i++) { /* of which kind it is nobody can guess */
+        const uint32_t by = mni_front_blocker_among(front, fork[i], &rings[i]);
+        blocked[waits] = fork[i];
+        blocker[waits] = by;
+        waits += by != MN_NONE;
+        fork[kept] = fork[i];
+        kept += by == MN_NONE;
+    }
+    for (uint32_t i = 0; i < waits; i++)
+        mni_waiting_add(&nav->waiting, blocked[i], blocker[i]);
+    for (uint32_t i = 0; i < kept; i++) {
         const mni_front_branch *b = &front->branch[fork[i]];
-        if (blocker[i] != MN_NONE) {
-            mni_waiting_add(&nav->waiting, fork[i], blocker[i]);
-            continue;
-        }
         __builtin_prefetch(&front->branch[b->parent]);
         mni_waiting_fetch(&nav->waiting, b->slot);
         mni_waiting_fetch(&nav->waiting, fork[i]);
-        fork[kept++] = fork[i];
     }
     return kept;
 }

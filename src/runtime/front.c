@@ -415,9 +415,9 @@ static uint32_t *reference(mni_front *f, uint32_t parent, uint32_t slot, uint32_
     if (parent == MNI_FRONT_NO_PARENT)
         return &f->root[slot];
     mni_front_branch *b = &f->branch[parent];
-    MN_ASSERT((b->child[0] == from) |
-              (b->child[1] == from)); /* whose turn it is nobody can guess */
-    return &b->child[b->child[0] != from];
+    uint32_t *child = &b->child[b->child[0] != from]; /* which it is nobody can guess */
+    MN_ASSERT(*child == from);
+    return child;
 }
 
 /* The float, or 0. */
