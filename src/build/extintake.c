@@ -131,6 +131,7 @@ mni_extintake *mni_extintake_open(const mni_extmesh_desc *desc, const mn_read_de
 void mni_extintake_close(mni_extintake *x) {
     if (x == NULL)
         return;
+    mni_ext_sorting_stop(x);
     mni_ext_judge_end(x);
     mni_ext_vertices_stop(x);
     mni_spill *spills[] = {&x->pushed, &x->sequence, &x->placed};
@@ -164,6 +165,7 @@ static bool written(mni_extintake *x) {
 
 bool mni_extintake_vertex(mni_extintake *x, const double position[3], uint32_t rgba) {
     double p[3] = {position[0], position[1], position[2]};
+    mni_ext_sorting_stop(x);
     bool finite = mni_weld_normalise(p),
          narrow = mni_ext_is_float(p[0]) && mni_ext_is_float(p[1]) && mni_ext_is_float(p[2]);
     x->nonfinite += !finite;
@@ -227,8 +229,11 @@ const unsigned char *mni_ext_item_get(const unsigned char *from, mni_ext_item *i
 
 static bool put_triangle(mni_extintake *x, const uint32_t corner[3]) {
     const uint32_t number = (uint32_t)x->triangles;
-    if (x->window == 0)
+    if (x->window == 0) {
         choose_window(x);
+        if (!mni_ext_sorting_begin(x))
+            return false;
+    }
     const uint8_t bucket[3] = {bucket_of(x, corner[0]), bucket_of(x, corner[1]),
                                bucket_of(x, corner[2])};
     if (bucket[0] == bucket[1] && bucket[1] == bucket[2])

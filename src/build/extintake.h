@@ -143,6 +143,21 @@ typedef struct mni_ext_writing {
     atomic_bool stop;                  /* the caller's: it is not wanted any more */
 } mni_ext_writing;
 
+/* Vertices that are sorted while triangles come, in a thread of its own: from begin to end, or to
+ * stop. */
+typedef struct mni_ext_sorting {
+    bool open; /* it is there */
+    mni_relay relay;
+    uint64_t batch[MNI_RELAY_BATCHES]; /* the relay's: one record says that all may be sorted */
+    mni_sort *sort;                    /* the thread's, and what follows */
+    mni_sort_packing packing;          /* the sort's */
+    mni_spill from;                    /* a copy of x->pushed: a spill has one thread */
+    mn_status st;
+    atomic_uint_fast64_t sorted; /* vertices so far */
+    atomic_bool over;            /* the thread's last word */
+    atomic_bool stop;            /* the caller's: it is not wanted any more */
+} mni_ext_sorting;
+
 struct mni_extintake {
     /* const after open */
     mni_extmesh_desc desc;
@@ -167,6 +182,8 @@ struct mni_extintake {
     mni_spill sequence; /* triangles in several buckets: number, and the bucket of each corner */
     mni_spill_writer to_sequence;
     uint32_t last_in_sequence;
+
+    mni_ext_sorting sorting;
 
     /* numbering */
     mni_ext_frame frame; /* of all finite ones: what the curve follows */
@@ -253,6 +270,11 @@ enum { MNI_EXT_ITEM_MAX = 4 * MNI_VARINT32_MAX };
 const unsigned char *mni_ext_item_get(const unsigned char *from, mni_ext_item *item,
                                       uint32_t last[2]);
 
+/* With the first triangle, when most likely all vertices have come, and two threads allowed: begins
+ * to sort them. */
+bool mni_ext_sorting_begin(mni_extintake *x);
+/* For nothing: another vertex has come, or it is the end. Harmless where none has begun. */
+void mni_ext_sorting_stop(mni_extintake *x);
 /* Places for all vertices, and the map. */
 bool mni_ext_place_vertices(mni_extintake *x);
 /* Triangles by places: opens the faces and has each judged. */

@@ -15,8 +15,9 @@
  * (To sort corners by vertex, to join, and to sort back would move 96 bytes a triangle; this moves
  * 12 where neighbours in the input are near each other in the model, and at most 40.)
  *
- * With two threads allowed keys are made, and records sorted, in one of its own (relay.h), beside
- * the reading of vertices, and of triangles (mni_ext_judge).
+ * With two threads allowed vertices are sorted in one of its own while triangles still come, since
+ * all vertices have most likely come with the first of these; where more come, it was for nothing.
+ * Triangles are judged and sorted in one beside the looking up of their places (mni_ext_judge).
  *
  * Secret: the curve, the buckets. (design.md §3.1, §3.3) */
 #include "extintake.h"
@@ -24,6 +25,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include <xxhash.h>
 
@@ -33,6 +35,7 @@
 
 enum {
     AXIS_BITS = MNI_EXT_CURVE_BITS_MAX + 1, /* 3 × 21 fit a word */
+    LOOK_EVERY = 1 << 14,                   /* vertices */
     SAME_KEY_MAX = 16, /* different positions of one cell and one hash of 64 bits: hardly two */
 };
 
@@ -45,6 +48,10 @@ enum { PACKED_MAX = (1 + MNI_EXT_WIDE_WORDS) * MNI_VARINT32_MAX };
 
 static uint32_t words_of(const mni_extintake *x) {
     return 1 + mni_ext_count(mni_ext_is_wide(x));
+}
+
+static size_t entry_bytes(const mni_extintake *x) {
+    return offsetof(entry, word) + words_of(x) * sizeof(uint32_t);
 }
 
 /* Every third bit. */
@@ -129,53 +136,142 @@ static bool map_vertex(mni_extintake *x, uint32_t vertex, uint32_t place) {
 
 /* ---- vertices ------------------------------------------------------------------------------- */
 
-/* In either thread: gets its key, and goes to the sort. */
-typedef struct keyed {
-    const mni_extintake *x;
-    mni_sort *sort;
-    size_t entry_bytes;
-} keyed;
+static bool open_sort(mni_extintake *x) {
+    mni_ext_sorting *g = &x->sorting;
+    const mni_sort_desc desc = {.record_bytes = (uint32_t)entry_bytes(x),
+                                .key = MNI_SORT_U128,
+                                .budget_bytes = mni_ext_share(x, MNI_EXT_SORT_SHARE),
+                                .after_bytes = mni_ext_share(x, MNI_EXT_AFTER_SHARE),
+                                .packing = &g->packing};
+    g->packing = (mni_sort_packing){PACKED_MAX, pack, unpack, x};
+    if (x->nonfinite < x->vertices)
+        x->frame = mni_ext_frame_of(x, x->low, x->high, !mni_ext_is_wide(x));
+    return mni_ext_sort_open(x, &g->sort, &desc);
+}
 
+/* In either thread: gets its key, and goes to the sort. */
 static void sort_entries(void *context, void *records, uint32_t count) {
-    const keyed *k = context;
+    const mni_extintake *x = context;
+    const size_t bytes = entry_bytes(x);
     unsigned char *at = records;
-    for (; count > 0; count--, at += k->entry_bytes) {
-        set_key(k->x, (entry *)(void *)at);
-        mni_sort_put(k->sort, at);
+    for (; count > 0; count--, at += bytes) {
+        set_key(x, (entry *)(void *)at);
+        mni_sort_put(x->sorting.sort, at);
     }
 }
 
-static bool sort_vertices(mni_extintake *x, mni_sort *sort, size_t entry_bytes) {
-    keyed to = {x, sort, entry_bytes};
+/* All vertices, from the copy of `pushed`; threads: 1, or more for one beside this. goes_on: asked
+ * now and then. */
+static void sort_vertices(mni_extintake *x, bool discards, uint32_t threads,
+                          bool (*goes_on)(mni_extintake *x, uint64_t number)) {
+    mni_ext_sorting *g = &x->sorting;
     mni_relay relay;
     mni_spill_reader r;
     mni_ext_words last = {0};
     mni_ext_vertex v;
     uint64_t number = 0;
-    bool goes_on = true;
-    mni_spill_reader_open(&r, &x->pushed, 0, x->pushed.size_bytes, x->buffer[0], x->buffer_bytes,
-                          true);
-    mni_relay_open(&relay, sort_entries, &to, entry_bytes, x->buffer[2], x->buffer_bytes,
-                   x->desc.threads);
-    for (; goes_on && mni_ext_next(&r, &last, number >= x->narrow_vertices, &v); number++) {
+    mni_spill_reader_open(&r, &g->from, 0, g->from.size_bytes, x->buffer[0], x->buffer_bytes,
+                          discards);
+    mni_relay_open(&relay, sort_entries, x, entry_bytes(x), x->buffer[2], x->buffer_bytes, threads);
+    for (; mni_ext_next(&r, &last, number >= x->narrow_vertices, &v); number++) {
         const mni_ext_words words = mni_ext_words_of(&v, mni_ext_is_wide(x));
         entry e = {.word = {(uint32_t)number}};
         memcpy(e.word + 1, words.word, sizeof words);
         mni_relay_put(&relay, &e);
-        goes_on = mni_ext_tell_vertices(x, number);
+        if (number % LOOK_EVERY == 0 && !goes_on(x, number))
+            break;
     }
     mni_relay_close(&relay);
-    MN_ASSERT(!goes_on || number == x->vertices || x->pushed.trouble.code != MN_OK);
-    bool good = goes_on && mni_ext_spill_good(x, &x->pushed);
+    if (g->from.trouble.code == MN_OK && number == x->vertices)
+        mni_sort_finish(g->sort, &g->st);
+}
+
+static bool is_wanted(mni_extintake *x, uint64_t number) {
+    atomic_store_explicit(&x->sorting.sorted, number, memory_order_relaxed);
+    return !atomic_load_explicit(&x->sorting.stop, memory_order_relaxed);
+}
+
+static void sort_beside(void *context, void *records, uint32_t count) {
+    mni_extintake *x = context;
+    (void)records;
+    MN_ASSERT(count == 1);
+    sort_vertices(x, false, 1, is_wanted);
+    atomic_store_explicit(&x->sorting.over, true, memory_order_release);
+}
+
+bool mni_ext_sorting_begin(mni_extintake *x) {
+    mni_ext_sorting *g = &x->sorting;
+    if (x->desc.threads < 2 || x->vertices == 0)
+        return true;
+    mni_spill_end(&x->to_pushed);
+    if (!mni_ext_spill_good(x, &x->pushed) || !open_sort(x))
+        return false;
+    g->from = x->pushed;
+    mni_relay_open(&g->relay, sort_beside, x, sizeof *g->batch, g->batch, sizeof g->batch,
+                   x->desc.threads);
+    g->open = true;
+    mni_relay_put(&g->relay, g->batch);
+    return true;
+}
+
+/* The thread is over. */
+static void end_sorting(mni_extintake *x) {
+    mni_relay_close(&x->sorting.relay);
+    x->sorting.open = false;
+    x->pushed.bytes_read = x->sorting.from.bytes_read;
+}
+
+void mni_ext_sorting_stop(mni_extintake *x) {
+    if (!x->sorting.open)
+        return;
+    atomic_store_explicit(&x->sorting.stop, true, memory_order_relaxed);
+    end_sorting(x);
+    mni_ext_sort_close(x, &x->sorting.sort);
+    x->sorting.st = (mn_status){0};
+}
+
+/* Says how far it has come, and listens whether it is to go on. */
+static bool wait_for_sorting(mni_extintake *x) {
+    static const struct timespec nap = {.tv_nsec = 200 * 1000};
+    while (!atomic_load_explicit(&x->sorting.over, memory_order_acquire)) {
+        const uint64_t sorted = atomic_load_explicit(&x->sorting.sorted, memory_order_relaxed);
+        if (mni_watch(&x->desc.watch, "number", sorted, 2 * x->vertices, x->st) != MN_OK)
+            return false;
+        nanosleep(&nap, NULL);
+    }
+    return true;
+}
+
+static bool tell_sorted(mni_extintake *x, uint64_t number) {
+    return mni_ext_tell_vertices(x, number);
+}
+
+/* All vertices are in the sort, which hands them out from now on. */
+static bool have_sorted(mni_extintake *x) {
+    mni_ext_sorting *g = &x->sorting;
+    if (g->open && !wait_for_sorting(x))
+        return false;
+    if (g->open) {
+        end_sorting(x);
+    } else {
+        if (!open_sort(x))
+            return false;
+        g->from = x->pushed;
+        sort_vertices(x, true, x->desc.threads, tell_sorted);
+        x->pushed.bytes_read = g->from.bytes_read;
+    }
+    if (g->from.trouble.code != MN_OK)
+        mn_fail(x->st, g->from.trouble.code, "%s", g->from.trouble.text);
+    if (g->st.code != MN_OK)
+        mn_fail(x->st, g->st.code, "%s", g->st.text);
     mni_ext_spill_close(x, &x->pushed);
-    return good;
+    return x->st->code == MN_OK;
 }
 
 /* In order: the first of each position becomes a place. */
 static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
     const bool wide = mni_ext_is_wide(x);
-    const size_t bytes = offsetof(entry, word) + words_of(x) * sizeof(uint32_t),
-                 position_bytes = (words_of(x) - 2) * sizeof(uint32_t);
+    const size_t bytes = entry_bytes(x), position_bytes = (words_of(x) - 2) * sizeof(uint32_t);
     entry same[SAME_KEY_MAX] = {0}, e = {0}; /* places of this cell and hash, the last ones */
     mni_ext_words last = {0};
     uint32_t count = 0;
@@ -214,21 +310,11 @@ static bool weld_sorted(mni_extintake *x, mni_sort *sort) {
 }
 
 bool mni_ext_place_vertices(mni_extintake *x) {
-    const mni_sort_packing packing = {PACKED_MAX, pack, unpack, x};
-    const mni_sort_desc desc = {
-        .record_bytes = (uint32_t)(offsetof(entry, word) + words_of(x) * sizeof(uint32_t)),
-        .key = MNI_SORT_U128,
-        .budget_bytes = mni_ext_share(x, MNI_EXT_SORT_SHARE),
-        .after_bytes = mni_ext_share(x, MNI_EXT_AFTER_SHARE),
-        .packing = &packing};
-    if (x->nonfinite < x->vertices)
-        x->frame = mni_ext_frame_of(x, x->low, x->high, !mni_ext_is_wide(x));
-    mni_sort *sort = NULL;
     bool one = mni_ext_buckets(x) == 1;
-    bool ok = mni_ext_spill_open(x, &x->placed) && mni_ext_sort_open(x, &sort, &desc) &&
-              sort_vertices(x, sort, desc.record_bytes) && mni_sort_finish(sort, x->st) == MN_OK &&
-              (!one || take_map(x)) && weld_sorted(x, sort);
-    mni_ext_sort_close(x, &sort);
+    bool ok = mni_ext_spill_open(x, &x->placed) && have_sorted(x) && (!one || take_map(x)) &&
+              weld_sorted(x, x->sorting.sort);
+    if (!x->sorting.open)
+        mni_ext_sort_close(x, &x->sorting.sort);
     x->counts.welded_vertices = x->vertices - x->nonfinite - x->places;
     if (ok && x->places > MNI_VERTICES_MAX) { /* a soup's: others have been counted as they came */
         mn_fail(x->st, MN_BAD_INPUT,
