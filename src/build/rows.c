@@ -20,7 +20,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "mem.h"
 #include "mn_assert.h"
 #include "rowpack.h"
 
@@ -60,7 +59,6 @@ mn_code mni_rows_open(mni_rows *rows, const mni_rows_source *source, uint64_t ca
         return mn_fail(st, MN_FAILED, "no memory to keep %llu bytes of a tree",
                        (unsigned long long)(slots * PAGE_BYTES));
     }
-    mni_mem_huge(rows->bytes, (size_t)PAGE_BYTES * rows->slots);
     memset(rows->bucket, 0xff, sizeof *rows->bucket * rows->buckets);
     return MN_OK;
 }

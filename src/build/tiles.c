@@ -44,8 +44,6 @@ mn_code mni_tiles_open(mni_tiles *t, uint32_t tiles, mni_sort *samples, size_t b
     mn_code code = MN_OK;
     if (t->cut == NULL || t->tile == NULL || t->buffer == NULL)
         code = no_memory(st);
-    else
-        mni_mem_huge(t->buffer, buffer_bytes);
     if (code == MN_OK)
         code = cut(t, samples, st);
     if (code != MN_OK)

@@ -13,11 +13,7 @@
 
 #include "mn_assert.h"
 
-enum {
-    PAGE_BYTES = 4096,
-    HUGE_BYTES = 2 << 20,
-    HUGE_FROM = 16 << 20, /* less has little to gain, and belongs to plans that count pages */
-};
+enum { PAGE_BYTES = 4096 };
 #ifndef MADV_POPULATE_WRITE /* Linux 5.14 */
 #define MADV_POPULATE_WRITE 23
 #endif
@@ -58,16 +54,9 @@ void mni_arena_close(mni_arena *arena) {
     memset(arena, 0, sizeof *arena);
 }
 
-void mni_mem_huge(void *memory, size_t bytes) {
-    const size_t before = (HUGE_BYTES - (uintptr_t)memory % HUGE_BYTES) % HUGE_BYTES;
-    if (bytes >= HUGE_FROM)
-        (void)madvise((unsigned char *)memory + before, (bytes - before) / HUGE_BYTES * HUGE_BYTES,
-                      MADV_HUGEPAGE);
-}
-
 /* ---- a shelf -------------------------------------------------------------------------------- */
 
-enum { LINE_BYTES = 64 };
+enum { LINE_BYTES = 64, HUGE_BYTES = 2 << 20 };
 
 static _Thread_local mni_shelf *shelf_in_use;
 

@@ -30,11 +30,6 @@ void mni_arena_close(mni_arena *arena);
 /* What mni_arena_take(count, size, align) uses at most; for the plan's sums. */
 size_t mni_arena_need(size_t count, size_t size, size_t align);
 
-/* Memory of the caller's that will be filled, all or much of it: where it is long it comes in huge
- * pages, not by a fault for every 4 KiB; the rest of such a page comes with what is touched. What
- * the kernel refuses is left out. */
-void mni_mem_huge(void *memory, size_t bytes);
-
 /* ---- a shelf -------------------------------------------------------------------------------- */
 
 /* Memory that one thread takes and gives back again and again: its pages stay, where the kernel
