@@ -174,7 +174,7 @@ __attribute__((target("avx2"))) static void keys_wide(const mni_vertex *vertex, 
 
 COSTS(EIGHT, lanes_8, bits_8, halves_8, half_bits_8, columns_8, costs_of_eight)
 
-__attribute__((target("avx512f,avx512bw,avx512vl,avx512dq,prefer-vector-width=512"))) static void
+__attribute__((target("avx512f,avx512bw,avx512vl,avx512dq"))) static void
 keys_widest(const mni_vertex *vertex, uint32_t r, const uint32_t *kept, uint32_t count,
             mni_heap_key *key) {
     for (uint32_t i = 0; i < count; i += EIGHT) {
