@@ -75,16 +75,18 @@ void mni_ahead_begin(mni_ahead *a, const mn_camera *camera, const mni_lens *now,
     a->look.moves =
         a->has_last && !jumped && mni_ahead_extrapolate(a, camera, MNI_AHEAD_HORIZON, &there);
     if (a->look.moves) {
-        mni_lens_make(&a->look.ahead, &there, width_px, height_px, size, now->tolerance_px,
-                      weights);
+        mni_lens_make(&a->look.ahead, &there, width_px, height_px, now->distance_min,
+                      now->tolerance_px, weights);
         a->frames = a->near ? MNI_AHEAD_NEAR : MNI_AHEAD_HORIZON;
         a->there = a->look.ahead;
         if (a->near && mni_ahead_extrapolate(a, camera, MNI_AHEAD_NEAR, &there))
-            mni_lens_make(&a->there, &there, width_px, height_px, size, now->tolerance_px, weights);
+            mni_lens_make(&a->there, &there, width_px, height_px, now->distance_min,
+                          now->tolerance_px, weights);
         mni_sieve_make(&a->sieve, &a->there, coordinate_max);
         const mni_lens soon_before = a->soon.lens;
         (void)mni_ahead_extrapolate(a, camera, MNI_AHEAD_SOON, &there);
-        mni_lens_make(&a->soon.lens, &there, width_px, height_px, size, now->tolerance_px, weights);
+        mni_lens_make(&a->soon.lens, &there, width_px, height_px, now->distance_min,
+                      now->tolerance_px, weights);
         mni_sieve_make(&a->soon.sieve, &a->soon.lens, coordinate_max);
         a->soon_motion = mni_sieve_motion(&soon_before, &a->soon.lens, (double)coordinate_max);
     }

@@ -549,10 +549,10 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->camera = *camera;
     nav->tolerance_px = tolerance_px;
     double used_px = mni_level_tolerance(&nav->level, tolerance_px);
-    const double size = nav->size * mni_level_reach(&nav->level);
+    const double least = mni_lens_distance_min(nav->size) * mni_level_reach(&nav->level);
     bool same = nav->lens.tolerance_px == used_px;
     mni_lens before = nav->lens;
-    mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, size, used_px, &nav->weights);
+    mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, least, used_px, &nav->weights);
     mni_sieve_make(&nav->sieve, &nav->lens, nav->coordinate_max);
     double motion = mni_sieve_motion(&before, &nav->lens, (double)nav->coordinate_max);
     if (nav->looks_ahead) {

@@ -126,7 +126,7 @@ static double nearest_drawn(const mni_navigator *nav) {
 static double node_error_px(const mni_navigator *nav, const mni_bounds *node, double grid_px,
                             double drawn) {
     const mni_lens *lens = &nav->lens;
-    const double least = nav->size * MNI_DISTANCE_SHARE, value = (double)node->switch_value;
+    const double least = mni_lens_distance_min(nav->size), value = (double)node->switch_value;
     const double sphere = greater(mni_lens_to_sphere(lens, node), least);
     const double near = greater(sphere, drawn - value);
     double error_px = lens->scale_px * value / sphere;
@@ -137,7 +137,7 @@ static double node_error_px(const mni_navigator *nav, const mni_bounds *node, do
 
 double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
     const mni_lens *lens = &nav->lens;
-    const double drawn = greater(nearest_drawn(nav), nav->size * MNI_DISTANCE_SHARE);
+    const double drawn = greater(nearest_drawn(nav), mni_lens_distance_min(nav->size));
     const double grid_px = lens->scale_px * (double)mn_grid_error(nav->front.header->grid_step);
     double most =
         grid_px / drawn; /* beneath leaves: their triangles are drawn, and have no sphere */

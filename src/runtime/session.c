@@ -118,8 +118,8 @@ static double model_size(const mn_header *header) {
 static mni_look first_look(const mn_session *s, const mn_camera *camera) {
     const mn_session_desc *d = &s->desc;
     mni_look look = {.coordinate_max = mni_coordinate_max(&s->header)};
-    mni_lens_make(&look.now, camera, d->width_px, d->height_px, model_size(&s->header),
-                  s->tolerance_px, &d->weights);
+    mni_lens_make(&look.now, camera, d->width_px, d->height_px,
+                  mni_lens_distance_min(model_size(&s->header)), s->tolerance_px, &d->weights);
     look.ahead = look.now;
     return look;
 }

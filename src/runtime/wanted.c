@@ -92,9 +92,9 @@ static void weigh(mni_lens *lens, const mn_weights *w, const double right[3], co
 }
 
 void mni_lens_make(mni_lens *lens, const mn_camera *camera, uint32_t width_px, uint32_t height_px,
-                   double size, double tolerance_px, const mn_weights *weights) {
+                   double distance_min, double tolerance_px, const mn_weights *weights) {
     static const mn_weights defaults = {0};
-    MN_ASSERT(width_px > 0 && height_px > 0);
+    MN_ASSERT(width_px > 0 && height_px > 0 && distance_min > 0);
     double forward[3], right[3], up[3];
     frame_of(camera, forward, right, up);
     double tan_y = tan((double)camera->fov_y_deg * PI / 360);
@@ -110,7 +110,7 @@ void mni_lens_make(mni_lens *lens, const mn_camera *camera, uint32_t width_px, u
     for (int i = 0; i < 5; i++)
         unit(lens->plane[i]);
     lens->scale_px = height_px / (2 * tan_y);
-    lens->distance_min = size > 0 ? size * MNI_DISTANCE_SHARE : 1e-30;
+    lens->distance_min = distance_min;
     lens->tolerance_px = tolerance_px;
     const double back[3] = {-forward[0], -forward[1], -forward[2]};
     weigh(lens, weights != NULL ? weights : &defaults, right, up, back);

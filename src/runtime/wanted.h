@@ -10,8 +10,6 @@
  * coarser. */
 enum { MNI_WANTED_OUTSIDE = 16, MNI_WANTED_AWAY = 8 };
 
-#define MNI_DISTANCE_SHARE 1e-6
-
 /* A camera, prepared. Plain data: copy at will. */
 typedef struct mni_lens {
     double eye[3];
@@ -31,10 +29,14 @@ typedef struct mni_bounds {
     mn_cone cone;
 } mni_bounds;
 
-/* size: a length of the model (its radius), or, where the tolerance has given way, a multiple of it
- * (mni_level_reach): distance_min is MNI_DISTANCE_SHARE of it. weights: NULL: the defaults. */
+/* The least distance that anything is taken to have, of a model of that size, its radius. */
+static inline double mni_lens_distance_min(double size) {
+    return size > 0 ? size * 1e-6 : 1e-30;
+}
+/* distance_min: that, or more where the tolerance has given way (mni_level_reach). weights: NULL:
+ * the defaults. */
 void mni_lens_make(mni_lens *lens, const mn_camera *camera, uint32_t width_px, uint32_t height_px,
-                   double size, double tolerance_px, const mn_weights *weights);
+                   double distance_min, double tolerance_px, const mn_weights *weights);
 /* Does anything weigh more than 1? Then decisions take longer. */
 static inline bool mni_lens_tightens(const mni_lens *lens) {
     return lens->most > 1;

@@ -21,7 +21,7 @@ static mn_camera camera_at(float x) {
 static bool look(mni_ahead *ahead, float x) {
     mn_camera camera = camera_at(x);
     mni_lens lens;
-    mni_lens_make(&lens, &camera, 640, 480, 5, 1, NULL);
+    mni_lens_make(&lens, &camera, 640, 480, mni_lens_distance_min(5), 1, NULL);
     mni_ahead_begin(ahead, &camera, &lens, 640, 480, 5, NULL, 5);
     return ahead->look.moves;
 }
@@ -41,6 +41,24 @@ START_TEST(moves_jumps_and_stops) {
     ck_assert(!look(&ahead, 4)); /* jumps */
     ck_assert(look(&ahead, 4.1f));
     ck_assert(look(&ahead, 4.3f)); /* faster, but no jump */
+}
+END_TEST
+
+/* What is wanted now and what will be differ by the camera alone: how far away the unknown is taken
+ * to be has given way for both. (Ahead it had not, so that what nobody wanted any more was read.)
+ */
+START_TEST(ahead_gives_way_as_now) {
+    mni_ahead ahead = {.has_last = false};
+    for (int i = 0; i < 3; i++) {
+        mn_camera camera = camera_at(0.1f * (float)i);
+        mni_lens lens;
+        mni_lens_make(&lens, &camera, 640, 480, 1000 * mni_lens_distance_min(5), 1, NULL);
+        mni_ahead_begin(&ahead, &camera, &lens, 640, 480, 5, NULL, 5);
+        ck_assert(ahead.look.ahead.distance_min == lens.distance_min);
+    }
+    ck_assert(ahead.look.moves);
+    ck_assert(ahead.there.distance_min == ahead.look.now.distance_min);
+    ck_assert(ahead.soon.lens.distance_min == ahead.look.now.distance_min);
 }
 END_TEST
 
@@ -64,7 +82,7 @@ START_TEST(turns_stay_turns) {
         mni_lens lens;
         camera.eye[0] = (float)(10 * sin(step * i));
         camera.eye[2] = (float)(10 * cos(step * i));
-        mni_lens_make(&lens, &camera, 640, 480, 5, 1, NULL);
+        mni_lens_make(&lens, &camera, 640, 480, mni_lens_distance_min(5), 1, NULL);
         mni_ahead_begin(&ahead, &camera, &lens, 640, 480, 5, NULL, 10);
         if (i < 2)
             continue;
@@ -266,7 +284,7 @@ START_TEST(ratings_are_those_of_the_nodes) {
     ck_assert_int_eq(mn_header_read(desc.path, &header, &st), MN_OK);
     mni_look look = {.moves = false};
     mn_camera camera = model_camera(&m, 0.1, 1.3);
-    mni_lens_make(&look.now, &camera, 640, 480, 1, 2, NULL);
+    mni_lens_make(&look.now, &camera, 640, 480, mni_lens_distance_min(1), 2, NULL);
     look.ahead = look.now;
     FILE *file = fopen(desc.path, "rb");
     ck_assert_ptr_nonnull(file);
@@ -292,6 +310,7 @@ int main(void) {
     TCase *tc = tcase_create("ahead");
     tcase_set_timeout(tc, 120);
     tcase_add_test(tc, moves_jumps_and_stops);
+    tcase_add_test(tc, ahead_gives_way_as_now);
     tcase_add_test(tc, fast_is_no_jump);
     tcase_add_test(tc, turns_stay_turns);
     tcase_add_loop_test(tc, jumps_reversals_and_stops, 0, 4);

@@ -70,7 +70,8 @@ static mni_lens random_lens(const rig *r) {
             camera.target[i] += (float)model_uniform(-1, 1);
     }
     mni_lens lens;
-    mni_lens_make(&lens, &camera, 640, 480, 1, exp(model_uniform(-3, 4)), &w);
+    mni_lens_make(&lens, &camera, 640, 480, mni_lens_distance_min(1), exp(model_uniform(-3, 4)),
+                  &w);
     return lens;
 }
 

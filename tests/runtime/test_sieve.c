@@ -67,7 +67,7 @@ static mni_lens random_lens(double size, double tolerance_px) {
     mn_camera camera = random_camera(size);
     mni_lens lens;
     mn_weights weights = random_weights();
-    mni_lens_make(&lens, &camera, 1280, 720, size, tolerance_px, &weights);
+    mni_lens_make(&lens, &camera, 1280, 720, mni_lens_distance_min(size), tolerance_px, &weights);
     return lens;
 }
 
@@ -226,8 +226,10 @@ START_TEST(margins_hold) {
         mn_weights weights = random_weights();
         mni_lens before, after;
         double tolerance_px = pow(10, uniform(-2, 2));
-        mni_lens_make(&before, &from, 1280, 720, size, tolerance_px, &weights);
-        mni_lens_make(&after, &to, 1280, round % 2 ? 720 : 715, size, tolerance_px, &weights);
+        mni_lens_make(&before, &from, 1280, 720, mni_lens_distance_min(size), tolerance_px,
+                      &weights);
+        mni_lens_make(&after, &to, 1280, round % 2 ? 720 : 715, mni_lens_distance_min(size),
+                      tolerance_px, &weights);
         double motion = mni_sieve_motion(&before, &after, size);
         ck_assert(round % 2 == 0 || isfinite(motion)); /* another height, another reach */
         mni_sieve sieve;
@@ -268,7 +270,7 @@ START_TEST(a_circle_is_as_long_as_it_is) {
             camera[k].eye[0] = (float)(2 * size * sin((i + k) * turn));
             camera[k].eye[1] = (float)(size / 2);
             camera[k].eye[2] = (float)(2 * size * cos((i + k) * turn));
-            mni_lens_make(&lens[k], &camera[k], 1280, 720, size, 1, NULL);
+            mni_lens_make(&lens[k], &camera[k], 1280, 720, mni_lens_distance_min(size), 1, NULL);
         }
         const double way = 2 * 2 * size * sin(turn / 2),
                      motion = mni_sieve_motion(&lens[0], &lens[1], size);

@@ -30,7 +30,7 @@ static mn_camera looking_down_z(void) {
 
 static mni_lens lens_of(mn_camera camera, double tolerance_px) {
     mni_lens lens;
-    mni_lens_make(&lens, &camera, 200, 100, 1, tolerance_px, NULL);
+    mni_lens_make(&lens, &camera, 200, 100, mni_lens_distance_min(1), tolerance_px, NULL);
     return lens;
 }
 
@@ -144,7 +144,7 @@ static mni_lens lens_with(mn_weights weights) {
         weights.outside = 1;
     if (weights.away == 0)
         weights.away = 1;
-    mni_lens_make(&lens, &camera, 200, 100, 1, 1, &weights);
+    mni_lens_make(&lens, &camera, 200, 100, mni_lens_distance_min(1), 1, &weights);
     return lens;
 }
 
@@ -268,7 +268,8 @@ START_TEST(nested) {
         }
         mni_lens lens;
         mn_weights weights = random_weights();
-        mni_lens_make(&lens, &camera, 200, 100, 1, uniform(0.01, 1), &weights);
+        mni_lens_make(&lens, &camera, 200, 100, mni_lens_distance_min(1), uniform(0.01, 1),
+                      &weights);
         ck_assert(!mni_lens_inside(&lens, &child) || mni_lens_inside(&lens, &parent));
         ck_assert(!mni_lens_away(&lens, &parent) || mni_lens_away(&lens, &child));
         ck_assert(mni_lens_priority(&lens, &child) <= mni_lens_priority(&lens, &parent));
