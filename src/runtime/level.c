@@ -58,9 +58,12 @@ static int most(int a, int b) {
     return a > b ? a : b;
 }
 
-/* The first level at which nothing of that error is wanted. */
-static int level_of(double error_px, double tolerance_px) {
-    double level = ceil(MNI_LEVELS_A_DOUBLING * log2(error_px / tolerance_px));
+/* The first level at which what was refused is not wanted. If it is as near as anything is taken to
+ * be, its distance gives way as well as the tolerance. */
+static int level_of(const mni_level_signs *s, double tolerance_px) {
+    const double share = s->refused_px / tolerance_px, near = log2(share * s->refused_away);
+    const double giving = fmax(near / (1 + REACH_EXPONENT), near - REACH_DOUBLINGS_MAX);
+    const double level = ceil(MNI_LEVELS_A_DOUBLING * fmin(log2(share), giving));
     return level >= 0 && level < UNKNOWN ? (int)level : UNKNOWN; /* UNKNOWN for NaN too */
 }
 
@@ -70,7 +73,7 @@ static int stride(const mni_level *l, int way) {
 }
 
 static void rise(mni_level *l, double tolerance_px, const mni_level_signs *s) {
-    int at_error = s->refused_px > 0 ? level_of(s->refused_px, tolerance_px) : UNKNOWN;
+    int at_error = s->refused_px > 0 ? level_of(s, tolerance_px) : UNKNOWN;
     if (!s->stale)
         l->too_low = most(l->too_low, l->level);
     if (l->enough <= l->level)

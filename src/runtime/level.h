@@ -22,13 +22,15 @@ typedef struct mni_level {
 
 /* What a frame showed. */
 typedef struct mni_level_signs {
-    bool moved;        /* the camera, the tolerance or the room is not the last frame's */
-    bool full;         /* something wanted found no room */
-    bool stale;        /* something that is not wanted may have taken it */
-    bool busy;         /* not all that is wanted is there yet: it is unknown whether it fits */
-    bool from_scratch; /* most of the front was made in this frame */
-    double refused_px; /* the largest error that found no room; of its size and above all fits */
-    double fill;       /* share of the room that is taken, of the scarcest; 0: nobody knows */
+    bool moved;          /* the camera, the tolerance or the room is not the last frame's */
+    bool full;           /* something wanted found no room */
+    bool stale;          /* something that is not wanted may have taken it */
+    bool busy;           /* not all that is wanted is there yet: it is unknown whether it fits */
+    bool from_scratch;   /* most of the front was made in this frame */
+    double refused_px;   /* the largest error that found no room; of its size and above all fits */
+    double refused_away; /* how far that was taken to be, in least distances: mni_level_reach, or
+                            more */
+    double fill;         /* share of the room that is taken, of the scarcest; 0: nobody knows */
 } mni_level_signs;
 
 void mni_level_open(mni_level *level);

@@ -168,10 +168,15 @@ static void split_agenda(mni_navigator *nav) {
     mni_agenda_begin(&nav->agenda);
 }
 
-static void refuse(mni_navigator *nav, uint32_t key, mni_outcome outcome) {
+/* Errors fall: the first that finds no room is the largest. */
+static void refuse(mni_navigator *nav, mni_agenda_item item, mni_outcome outcome) {
     bool no_room = outcome == MNI_REFUSED_POOL || outcome == MNI_REFUSED_FRONT;
-    if (no_room && nav->work.refused_px == 0)
-        nav->work.refused_px = key_px(nav, key); /* errors fall: the first is the largest */
+    if (no_room && nav->work.refused_px == 0) {
+        const mni_bounds node = mni_front_bounds(&nav->front, item.what);
+        nav->work.refused_px = key_px(nav, item.key);
+        nav->work.refused_away =
+            mni_lens_nearest(&nav->lens, &node) / mni_lens_distance_min(nav->size);
+    }
     switch (outcome) {
     case MNI_MISS:
     case MNI_BAD:
@@ -318,7 +323,7 @@ static bool barred_turn(mni_navigator *nav, mni_outcome closed, mni_agenda_item 
         }
         if (closed == MNI_DONE)
             mni_refusals_seek(nav, &next->refusal);
-        refuse(nav, next->item.key, closed == MNI_DONE ? MNI_REFUSED_POOL : closed);
+        refuse(nav, next->item, closed == MNI_DONE ? MNI_REFUSED_POOL : closed);
         mni_barred_keep(&nav->barred, next);
     }
     return false;
@@ -367,7 +372,7 @@ static void splits_make(mni_navigator *nav, bool counts, const turn_before *befo
         }
         const bool listed = outcome == MNI_MISS && list_missed(nav, item);
         if (outcome != MNI_DONE && !listed && counts)
-            refuse(nav, item.key, outcome);
+            refuse(nav, item, outcome);
         if (outcome == MNI_REFUSED_FRONT || outcome == MNI_REFUSED_BUDGET)
             closed = outcome;
     }
@@ -431,7 +436,7 @@ static void missed_first(mni_navigator *nav) {
 static void count_missed(mni_navigator *nav) {
     for (uint32_t i = 0; i < nav->missed_count; i++) {
         mni_trace_lacks(nav->missed[i].block_id);
-        refuse(nav, nav->missed[i].item.key, MNI_MISS);
+        refuse(nav, nav->missed[i].item, MNI_MISS);
     }
 }
 
@@ -519,6 +524,7 @@ void mni_navigator_give_way(mni_navigator *nav, bool reading) {
                              .busy = busy,
                              .from_scratch = work->splits > nav->front.active / 2,
                              .refused_px = work->refused_px,
+                             .refused_away = work->refused_away,
                              .fill = mni_navigator_fill(nav)};
     if (nav->degrades)
         mni_level_next(&nav->level, nav->tolerance_px, &signs);

@@ -23,6 +23,7 @@ static mni_level_signs look(int level, int lowest, bool knows_errors, bool knows
     mni_level_signs s = {.full = level < lowest};
     if (s.full && knows_errors)
         s.refused_px = exp2((double)(lowest + (int)below(200)) / MNI_LEVELS_A_DOUBLING);
+    s.refused_away = INFINITY;
     if (knows_fill)
         s.fill = s.full ? 1 : exp2((double)(lowest - level) / MNI_LEVELS_A_DOUBLING);
     return s;
@@ -67,10 +68,35 @@ START_TEST(at_once_from_scratch) {
     mni_level_open(&l);
     mni_level_signs s = {.moved = true, .full = true, .from_scratch = true};
     s.refused_px = 64; /* six doublings above the tolerance */
+    s.refused_away = 1 << 20;
     mni_level_next(&l, 1, &s);
     ck_assert_int_eq(l.level, 6 * MNI_LEVELS_A_DOUBLING);
     ck_assert_int_lt(stand(&l, 6 * MNI_LEVELS_A_DOUBLING - 1, true, true), 8);
     ck_assert_int_eq(l.level, 6 * MNI_LEVELS_A_DOUBLING - 1);
+}
+END_TEST
+
+/* What is as near as anything is taken to be is taken to be farther as well, by up to 14 doublings.
+ * (A jump to beside a hub went to a million pixels, and came down from there.) */
+START_TEST(at_once_beside_the_eye) {
+    const int error[] = {0, 10, 17, 21, 21, 21}, away[] = {0, 0, 0, 0, 14, 40};
+    const double level[] = {0, 2, 3.4, 7, 21, 21};
+    for (int i = 0; i < 6; i++) {
+        mni_level l;
+        mni_level_open(&l);
+        mni_level_signs s = {.moved = true, .full = true, .from_scratch = true};
+        s.refused_px = exp2(error[i]);
+        s.refused_away = exp2(away[i]);
+        mni_level_next(&l, 1, &s);
+        const double wants = fmax(1, ceil(level[i] * MNI_LEVELS_A_DOUBLING));
+        ck_assert_int_eq(l.level, (int)wants);
+        if (away[i] > 0 || error[i] == 0)
+            continue;
+        const double still = s.refused_px / mni_level_reach(&l);
+        ck_assert_double_le(still, mni_level_tolerance(&l, 1) * 1.0001);
+        l.level--;
+        ck_assert_double_gt(s.refused_px / mni_level_reach(&l), mni_level_tolerance(&l, 1));
+    }
 }
 END_TEST
 
@@ -133,6 +159,7 @@ START_TEST(limits) {
     const double errors[] = {NAN, INFINITY, 1e300, 1e-300, 0};
     for (int i = 0; i < 5 * MNI_LEVEL_MAX / MNI_LEVEL_STRIDE; i++) {
         mni_level_signs s = {.full = true, .refused_px = errors[i % 5], .fill = 2};
+        s.refused_away = errors[(i + 1) % 5];
         mni_level_next(&l, i % 2 ? 1 : -1, &s);
     }
     ck_assert(l.level == MNI_LEVEL_MAX && l.settled);
@@ -150,6 +177,7 @@ int main(void) {
     tcase_set_timeout(tc, 60);
     tcase_add_loop_test(tc, the_lowest_that_fits, 0, 4);
     tcase_add_test(tc, at_once_from_scratch);
+    tcase_add_test(tc, at_once_beside_the_eye);
     tcase_add_loop_test(tc, even_in_motion, 0, 4);
     tcase_add_test(tc, waits_for_blocks);
     tcase_add_test(tc, stale_refusals_are_no_verdict);

@@ -261,6 +261,11 @@ START_TEST(degrading_among_slivers) {
     ck_assert_uint_lt(mn_session_settle(s, &camera, ENOUGH), 400);
     const mn_frame_stats still = frame(s, camera);
     ck_assert(still.tolerance_px > 1 && still.tolerance_px < 100);
+    for (int i = 0; i < 40; i++) { /* away, and back at once */
+        mn_camera there = camera;
+        there.eye[2] += i % 10 < 5 ? 3 * radius : 0;
+        ck_assert_double_le(frame(s, there).tolerance_px, 100);
+    }
     mn_session_close(s);
     model_free(&m);
 }
