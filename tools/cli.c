@@ -271,9 +271,9 @@ mn_code cli_output_kind(const char *command, const char *out, const char *ending
         return MN_OK;
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
         if (strcasecmp(dot, kinds[i]) == 0)
-            return (mn_code)cli_error(
-                MN_USAGE, "%s: %s: no %s is what is written; give it a name that ends in %s",
-                command, out, kinds[i], ending);
+            return (mn_code)cli_error(MN_USAGE,
+                                      "%s: %s: it writes %s, not %s; give it a name that ends so",
+                                      command, out, ending, kinds[i]);
     return MN_OK;
 }
 

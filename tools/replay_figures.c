@@ -326,7 +326,7 @@ void figures_table(const replay_figures *f, FILE *out) {
             f->refused_front, f->refused_budget, f->refused_pool, f->waits_dependency);
     fprintf(out,
             "disk       %" PRIu64 " read%s, %.1f MB; %" PRIu64 " second chance%s, %" PRIu64
-            " eviction%s\n",
+            " eviction%s of prefetched blocks\n",
             t->reads, cli_s(t->reads), mega(t->read_bytes), t->second_chances,
             cli_s(t->second_chances), t->evictions, cli_s(t->evictions));
     if (t->checksum_failures + t->io_errors > 0)

@@ -70,7 +70,7 @@ static void text_head(const trace_report *r, FILE *out) {
             r->refused_front, r->refused_budget, r->refused_pool);
     fprintf(out,
             "disk       %" PRIu64 " read%s, %.1f MB; %" PRIu64 " second chance%s, %" PRIu64
-            " eviction%s\n",
+            " eviction%s of prefetched blocks\n",
             r->reads, cli_s(r->reads), (double)r->arrived_bytes / 1048576, r->second_chances,
             cli_s(r->second_chances), r->evictions, cli_s(r->evictions));
     fprintf(out,

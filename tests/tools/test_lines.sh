@@ -131,7 +131,7 @@ done
 while read -r kind output; do # a name that promises another kind of file than is written
     # shellcheck disable=SC2086
     expect 2 $output -o "out.$kind"
-    says "no .$kind is what is written; give it a name that ends in ."
+    says "out.$kind: it writes \.[a-z]*, not \.$kind; give it a name that ends so"
     [ -e "out.$kind" ] && fail "a file named out.$kind"
 done <<'END'
 stl make sphere
