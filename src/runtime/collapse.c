@@ -1,10 +1,11 @@
 /* The pass of collapses: all that nobody wants, now or in a moment, goes, as far as it is free to.
  *
- *   judged    forks whose look is due, 64 together; who comes to be one in the pass joins the next
- * 64 tested    who is unwanted, in rising order of the parent's id, or, where there are many and no
- *             budget, by place: 16 together. Who is blocked waits for its blocker (waiting.h)
- *   collapsed in its turn. Who waited for what went is tested again: at once in a crowd, else by
- * rank
+ *   - judged are forks whose look is due, 64 together; who comes to be one in the pass joins the
+ *     next 64;
+ *   - tested is who is unwanted, in rising order of the parent's id, or, where there are many and
+ *     no budget, by place: 16 together. Who is blocked waits for its blocker (waiting.h);
+ *   - collapsed is each in its turn. Who waited for what went is tested again: at once in a crowd,
+ *     else by rank.
  *
  * One pass is complete: a parent's id exceeds its children's, and what blocks a collapse has a
  * lower one, so it has had its turn.

@@ -27,7 +27,7 @@ typedef struct mni_level_signs {
     bool stale;          /* something that is not wanted may have taken it */
     bool busy;           /* not all that is wanted is there yet: it is unknown whether it fits */
     bool from_scratch;   /* most of the front was made in this frame */
-    double refused_px;   /* the largest error that found no room; of its size and above all fits */
+    double refused_px;   /* the largest error that found no room: 0 where all did */
     double refused_away; /* how far that was taken to be, in least distances: mni_level_reach, or
                             more */
     double fill;         /* share of the room that is taken, of the scarcest; 0: nobody knows */
