@@ -49,6 +49,7 @@ static mn_code sweep(tune *t, tune_findings *f, mn_status *st) {
         return code;
     say_plan(t);
     code = tune_measure(t, st);
+    tune_clock_choose(t);
     if (code == MN_OK)
         code = tune_find(t, f, st);
     if (code != MN_OK || f->best == NULL || t->o.cross || t->o.prefetches == 1)

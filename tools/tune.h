@@ -58,6 +58,11 @@ typedef struct tune_want {
     tune_objective objective;
     bool cpu; /* times are the processor's, not the clock's */
 } tune_want;
+typedef enum tune_clock {
+    TUNE_CLOCK_AUTO = 0, /* the clock's, unless others had the processors */
+    TUNE_CLOCK_WALL,
+    TUNE_CLOCK_CPU,
+} tune_clock;
 
 typedef struct tune_options {
     const char *in, *folder;
@@ -82,6 +87,7 @@ typedef struct tune_options {
     uint64_t limit_s;               /* that one replay may take */
     uint64_t build_ram_bytes, jobs; /* 0: as build has it; as many as processors */
     tune_want want;
+    tune_clock clock;
     bool fresh, json;
     int argc; /* the whole command, for the report */
     char **argv;
@@ -264,7 +270,9 @@ int tune_layout_texts(const tune_layout *l, tune_text *text);
 bool tune_cell_is_of(const tune_cell *c, uint32_t path, mn_prefetch rule);
 /* "p99 up to 4 ms, least error" */
 void tune_want_words(const tune_want *w, char *text, size_t room);
-/* Times by the clock of processors that others had: says so. false: there is nothing to say. */
+/* With TUNE_CLOCK_AUTO: whose times want.cpu takes, by what others had in the cells so far. */
+void tune_clock_choose(tune *t);
+/* Others had the processors, and whose times that leaves. false: there is nothing to say. */
 bool tune_others_words(const tune *t, char *text, size_t room);
 /* The best setting of those with such a cap and number of place holders. */
 const tune_setting *tune_best_of(const tune *t, const tune_findings *f, uint32_t cap,

@@ -52,7 +52,7 @@ static void say_as_tune(char *says, size_t room) {
             continue;
         snprintf(text, sizeof text, "%.*s%s%s", (int)(at - says), says, words[i][1],
                  at + strlen(words[i][0]));
-        snprintf(says, room, "%s", text);
+        snprintf(says, room, "%.*s", (int)room - 1, text);
     }
 }
 

@@ -56,7 +56,9 @@ static const char help[] =
     "instead "
     "of p99\n"
     "                        \"error under 3 px\", \"misses under 1 %\"\n"
-    "  --clock wall|cpu      times by the clock (default), or the processor's: for busy machines\n"
+    "  --clock auto|wall|cpu  times by the clock, or the processor's; auto (default): the "
+    "processor's\n"
+    "                        where others had a fifth of the processors\n"
     "the rest\n"
     "  --build-ram SIZE      cap of building and cutting\n"
     "  -j N                  threads of building, and files that are cut at a time (2 at most)\n"
@@ -67,7 +69,7 @@ static const char *const policies[] = {"packed", "levels", NULL};             /*
 static const char *const prefetches[] = {"ahead", "neighbours", "off", NULL}; /* by mn_prefetch */
 static const char *const objectives[] = {"error", "misses", "p99", "ram", NULL};
 static const char *const opens[] = {"settled", "roots", NULL};
-static const char *const clocks[] = {"wall", "cpu", NULL};
+static const char *const clocks[] = {"auto", "wall", "cpu", NULL}; /* by tune_clock */
 
 const char *tune_prefetch_name(mn_prefetch prefetch) {
     return prefetches[prefetch];
@@ -304,7 +306,8 @@ const char *tune_want_take(tune_want *want, const char *text) {
 static mn_code read_want(tune_options *o, const words *w) {
     uint64_t bytes = 0;
     o->want.objective = (tune_objective)w->objective;
-    o->want.cpu = w->clock == 1;
+    o->clock = (tune_clock)w->clock;
+    o->want.cpu = o->clock == TUNE_CLOCK_CPU;
     mn_code code = read_bound("p99-ms", w->p99, LEAST, 1e6, &o->want.p99_ms);
     if (code == MN_OK)
         code = read_bound("error-px", w->error, LEAST, 1e6, &o->want.error_px);
@@ -388,7 +391,7 @@ static mn_code read_words(tune_options *o, words *w, int argc, char **argv, bool
         CLI_TEXT("ram", &w->ram),
         CLI_TEXT("want", &w->want),
         CLI_CHOICE("minimize", &w->objective, objectives, "error, misses, p99 or ram"),
-        CLI_CHOICE("clock", &w->clock, clocks, "wall or cpu"),
+        CLI_CHOICE("clock", &w->clock, clocks, "auto, wall or cpu"),
         CLI_SIZE("build-ram", &o->build_ram_bytes, 1, UINT64_MAX, "a size like 64M"),
         {.name = "jobs",
          .letter = 'j',

@@ -168,18 +168,18 @@ static void best(const tune *t, const tune_findings *found, FILE *f) {
     tune_want_words(&t->o.want, words, sizeof words);
     fputs("<h2>The best setting</h2>\n<p>Wanted: ", f);
     text(f, words);
-    fputs("; of each setting the worst path counts.</p>\n<div class=box>", f);
+    fputs("; of each setting the worst path counts", f);
+    if (tune_others_words(t, words, sizeof words)) {
+        fputs("; ", f);
+        text(f, words);
+    }
+    fputs(".</p>\n<div class=box>", f);
     if (found->best == NULL) {
         fputs("No setting keeps to that on all paths.</div>\n", f);
     } else {
         best_line(t, found->best, f);
         fputs("</div>\n", f);
         commands(t, found->best, f);
-    }
-    if (tune_others_words(t, words, sizeof words)) {
-        fputs("<p>But ", f);
-        text(f, words);
-        fputs(".</p>\n", f);
     }
     fputs("<p>With as many place holders:</p><ul>\n", f);
     for (uint32_t cap = 0; cap < t->o.caps; cap++)

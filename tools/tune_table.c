@@ -7,7 +7,7 @@
 #include "json.h"
 #include "tune.h"
 
-/* Of the processors, in some cell: from then on it is said. */
+/* Of the processors, in some cell: from then on the clock's times are not the program's. */
 static const double OTHERS_MATTER = 0.2;
 
 static double mega(double bytes) {
@@ -151,19 +151,31 @@ void tune_want_words(const tune_want *w, char *text, size_t room) {
         snprintf(text + length, room - length, "least %s", tune_objective_name(w->objective));
 }
 
-bool tune_others_words(const tune *t, char *text, size_t room) {
-    double least = INFINITY, most = 0;
+static bool others_matter(const tune *t, double *least, double *most) {
+    *least = INFINITY;
+    *most = 0;
     for (size_t i = 0; i < t->cells; i++)
         if (t->cell[i].state == TUNE_MEASURED) {
-            least = fmin(least, t->cell[i].figure[TUNE_OTHERS]);
-            most = fmax(most, t->cell[i].figure[TUNE_OTHERS]);
+            *least = fmin(*least, t->cell[i].figure[TUNE_OTHERS]);
+            *most = fmax(*most, t->cell[i].figure[TUNE_OTHERS]);
         }
-    if (t->o.want.cpu || most < OTHERS_MATTER)
+    return *most >= OTHERS_MATTER;
+}
+
+void tune_clock_choose(tune *t) {
+    double least, most;
+    if (t->o.clock == TUNE_CLOCK_AUTO)
+        t->o.want.cpu = others_matter(t, &least, &most);
+}
+
+bool tune_others_words(const tune *t, char *text, size_t room) {
+    double least, most;
+    if (!others_matter(t, &least, &most) || t->o.clock == TUNE_CLOCK_CPU)
         return false;
-    snprintf(text, room,
-             "others had %.0f to %.0f %% of the processors: times are as much theirs; --clock cpu "
-             "leaves them out",
-             100 * least, 100 * most);
+    snprintf(text, room, "others had %.0f to %.0f %% of the processors: times are %s", 100 * least,
+             100 * most,
+             t->o.want.cpu ? "Navigate's own of the processor, not the clock's (--clock wall)"
+                           : "as much theirs; --clock cpu leaves them out");
     return true;
 }
 
@@ -216,8 +228,11 @@ static void setting_row(const tune *t, const tune_setting *s, FILE *out) {
 /* With the same memory, which layout? Then the best of all. By their worst path. */
 static void best_table(const tune *t, const tune_findings *f, FILE *out) {
     char words[200];
+    fputc('\n', out);
+    if (tune_others_words(t, words, sizeof words))
+        fprintf(out, "%s\n", words);
     tune_want_words(&t->o.want, words, sizeof words);
-    fprintf(out, "\nbest (%s), by the worst path, with as many place holders\n", words);
+    fprintf(out, "best (%s), by the worst path, with as many place holders\n", words);
     for (uint32_t cap = 0; cap < t->o.caps; cap++)
         for (uint32_t places = 0; places < t->o.places_count; places++) {
             const tune_setting *best = tune_best_of(t, f, cap, places);
@@ -229,8 +244,6 @@ static void best_table(const tune *t, const tune_findings *f, FILE *out) {
         setting_row(t, f->best, out);
     else
         fputs("  no setting keeps to that on all paths\n", out);
-    if (tune_others_words(t, words, sizeof words))
-        fprintf(out, "%s\n", words);
 }
 
 void tune_table(const tune *t, const tune_findings *f, FILE *out) {
@@ -306,6 +319,7 @@ void tune_json(const tune *t, const tune_findings *f, FILE *out) {
     json_str(&j, "input", t->o.in);
     json_str(&j, "program", t->program);
     json_str(&j, "machine", t->machine);
+    json_str(&j, "clock", t->o.want.cpu ? "cpu" : "wall");
     json_open(&j, "layouts", '[');
     for (uint32_t i = 0; i < t->layouts; i++)
         json_layout(&j, &t->layout[i]);

@@ -125,17 +125,22 @@ page() {
     check "no gnuplot: the scripts alone" test "$(ls "$scratch/none/plots" | sed 's/.*\.//' | sort -u)" = gp
 }
 
-# Of a busy machine: what others had is in the results, and is said where times are the clock's.
+# Of a busy machine: what others had is in the results, and times are the processor's unless the clock's are asked for.
 busy() {
     cp "$scratch/first.csv" "$results"
     sed -i '2,$s/,[^,]*$/,0.95/' "$results"
     tune 0 busy
-    check "busy: said" grep -q '^others had 95 to 95 % of the processors.*--clock cpu' "$out"
+    check "busy: said" grep -q '^others had 95 to 95 % of the processors.*--clock wall' "$out"
+    check "busy: the processor's" grep -q 'times of the processor' "$out"
     check "busy: on the page" grep -q 'others had 95 to 95 %' "$dir/report.html"
+    tune 0 "busy, wall" --clock wall
+    check "busy, wall: said" grep -q '^others had 95 to 95 % of the processors.*--clock cpu' "$out"
+    check "busy, wall: the clock's" grep -q 'times of the clock' "$out"
     tune 0 "busy, cpu" --clock cpu
     check "busy, cpu: not said" test "$(grep -c '^others had' "$out")" -eq 0
     sed -i '2,$s/,[^,]*$/,0.01/' "$results"
     tune 0 quiet
+    check "quiet: the clock's" grep -q 'times of the clock' "$out"
     check "quiet: not said" test "$(grep -c '^others had' "$out")" -eq 0
 }
 
