@@ -41,6 +41,11 @@ static mn_code extract(const char *in, const char *out, const mn_extract_desc *d
         printf("%s: %u vertices, %u triangle%s\n", out, result.vertices, result.triangles,
                cli_s(result.triangles));
     }
+    if (code == MN_OK && result.triangles == 0 && desc->what != MN_EXTRACT_FULL)
+        fprintf(stderr, "metanode: warning: %s has no triangle: so far down none is left; %s\n",
+                out,
+                desc->what == MN_EXTRACT_ERROR ? "a smaller --error keeps some"
+                                               : "more --triangles keep some");
     return code;
 }
 

@@ -18,6 +18,7 @@
 
 #include "mn_assert.h"
 #include "block.h"
+#include "cap.h"
 #include "extents.h"
 #include "frame.h"
 #include "header.h"
@@ -166,7 +167,7 @@ mn_code mni_block_press_fits(const char *path, const mn_block_desc *desc, uint32
     return mn_fail(
         st, MN_CAP_TOO_SMALL,
         "%s: blocks of %u bytes at zstd's level %u need --ram %lluM; or try a lower level", path,
-        length_max, desc->zstd_level, (unsigned long long)(need >> 20) + 1);
+        length_max, desc->zstd_level, mni_megabytes(need));
 }
 
 mn_code mni_block_press(mni_out *out, const char *path, const mn_block_desc *desc,

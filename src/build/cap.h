@@ -24,13 +24,18 @@ static inline uint64_t mni_cap_work(const mni_cap *cap, uint64_t bytes) {
     return bytes > cap->beside_bytes + spare ? bytes - cap->beside_bytes - spare : 1;
 }
 
+/* The least whole MB that hold so much. */
+static inline unsigned long long mni_megabytes(uint64_t bytes) {
+    return (unsigned long long)((bytes + (1 << 20) - 1) >> 20);
+}
+
 /* The least cap, in whole MB, of which a phase has so much. */
 static inline unsigned long long mni_cap_megabytes(const mni_cap *cap, uint64_t work_bytes) {
     const uint64_t small = work_bytes + cap->beside_bytes;
     const uint64_t spare = cap->spare_part > 0 && small > cap->small_bytes
                                ? (small - cap->small_bytes) / (cap->spare_part - 1) + 1
                                : 0;
-    return (unsigned long long)((small + spare + (1 << 20) - 1) >> 20);
+    return mni_megabytes(small + spare);
 }
 
 #endif

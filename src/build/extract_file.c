@@ -18,6 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cap.h"
 #include "file.h"
 #include "mn_assert.h"
 #include "settle.h"
@@ -264,7 +265,7 @@ static mn_code take_memory(extraction *x) {
     if (ram > 0 && ram < need)
         return mn_fail(x->st, MN_CAP_TOO_SMALL,
                        "%s: %.1f MB of memory are too few to extract it in: try --ram %lluM",
-                       x->file.path, (double)ram / (1 << 20), (unsigned long long)(need >> 20) + 1);
+                       x->file.path, (double)ram / (1 << 20), mni_megabytes(need));
     if (by_error) { /* half of what is left: walks can use it as well */
         const uint64_t most = mni_settle_most(x->leaves);
         const uint64_t room = ram > 0 ? x->settle_bytes + (ram - need) / 2 : most;

@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "mn_assert.h"
+#include "cap.h"
 #include "extintake.h"
 #include "faces.h"
 #include "weld.h"
@@ -106,7 +107,7 @@ static bool refuse(mni_intake *intake, uint64_t need) {
             "--ram %lluM would do",
             intake->name, (unsigned long long)mni_weld_vertices(&intake->weld),
             (unsigned long long)intake->triangles, (double)need / (1 << 20),
-            (double)intake->ram_bytes / (1 << 20), (unsigned long long)((need >> 20) + 1));
+            (double)intake->ram_bytes / (1 << 20), mni_megabytes(need));
     return false;
 }
 

@@ -28,6 +28,7 @@
 #include <xxhash.h>
 
 #include "mn_assert.h"
+#include "cap.h"
 #include "frame.h"
 #include "header.h"
 #include "simplify.h"
@@ -130,8 +131,7 @@ static uint64_t beside_bytes(const walk *w) {
 static mn_code too_small(walk *w, uint64_t bytes) {
     return mn_fail(w->st, MN_CAP_TOO_SMALL,
                    "%s: %.1f MB of memory are too few to read it in: try --ram %lluM", w->path,
-                   (double)w->desc->ram_bytes / (1 << 20),
-                   (unsigned long long)((beside_bytes(w) + bytes) >> 20) + 1);
+                   (double)w->desc->ram_bytes / (1 << 20), mni_megabytes(beside_bytes(w) + bytes));
 }
 
 /* Makes an array of `room` items one of at least `needed`; what was in it may be lost. */

@@ -13,6 +13,7 @@
 
 #include "block.h"
 #include "block_press.h"
+#include "cap.h"
 #include "header.h"
 #include "rows.h"
 #include "simplify.h"
@@ -78,7 +79,7 @@ mn_code mn_block_fits(const char *in, const mn_block_desc *desc, uint64_t vertic
     const bool shorter = MNI_PROGRAM_BYTES + 2 * MEASURES_BYTES <= desc->ram_bytes; /* would do? */
     return mn_fail(st, MN_CAP_TOO_SMALL,
                    "%s: %.1f MB of memory are too few for its blocks: try --ram %lluM%s", in,
-                   (double)desc->ram_bytes / (1 << 20), (unsigned long long)(need >> 20) + 1,
+                   (double)desc->ram_bytes / (1 << 20), mni_megabytes(need),
                    !shorter ? ""
                    : packed ? ", or smaller --block-bytes"
                             : ", or a lower -L");

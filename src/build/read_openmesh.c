@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cap.h"
 #include "helper.h"
 
 enum {
@@ -97,9 +98,10 @@ static bool fits(const char *path, const mn_read_desc *desc, mni_source *source)
     if (desc->ram_bytes == 0 || need <= desc->ram_bytes)
         return true;
     mn_fail(source->st, MN_CAP_TOO_SMALL,
-            "%s: OpenMesh holds the whole mesh in memory, about %" PRIu64
-            " MB with what reads from it, where the cap is %.1f MB; try --ram %" PRIu64 "M",
-            source->name, (need >> 20) + 1, (double)desc->ram_bytes / (1 << 20), (need >> 20) + 1);
+            "%s: OpenMesh holds the whole mesh in memory, about %llu MB with what reads "
+            "from it, where the cap is %.1f MB; try --ram %lluM",
+            source->name, mni_megabytes(need), (double)desc->ram_bytes / (1 << 20),
+            mni_megabytes(need));
     return false;
 }
 

@@ -729,7 +729,7 @@ static mn_code put_aside(rounds *r) {
     if (r->desc.work_bytes > 0 && r->desc.work_bytes < least)
         return mn_fail(r->st, MN_CAP_TOO_SMALL,
                        "%llu vertices that cannot be cut into parts take %llu MB; try %s %lluM",
-                       (unsigned long long)vertices, (unsigned long long)(least >> 20) + 1,
+                       (unsigned long long)vertices, mni_megabytes(least),
                        mni_cap_option(&r->desc.cap),
                        mni_cap_megabytes(&r->desc.cap, enough_for(r, 0, false)));
     r->simplices = 0;

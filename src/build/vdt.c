@@ -16,6 +16,7 @@
 #include <xxhash.h>
 
 #include "block_rows.h"
+#include "cap.h"
 #include "clock.h"
 #include "grid.h"
 #include "mnt_spill.h"
@@ -262,7 +263,7 @@ static mn_code plan_memory(maker *m, uint64_t vertices) {
     if (less != 0 && less < need)
         return mn_fail(m->st, MN_CAP_TOO_SMALL,
                        "%s: %.1f MB to work in are too few: try --work-ram %lluM", m->in,
-                       (double)less / (1 << 20), (unsigned long long)(need >> 20) + 1);
+                       (double)less / (1 << 20), mni_megabytes(need));
     if (less != 0 && (ram == 0 || less < m->work_bytes)) {
         m->work_bytes = less;
         m->cap = work_cap;

@@ -15,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cap.h"
 #include "plan.h"
 #include "simplify.h"
 #include "watch.h"
@@ -59,7 +60,7 @@ static mn_code too_small(walk *w) {
     const uint64_t need = MNI_PROGRAM_BYTES + w->desc->held_bytes + mni_vdt_walk_bytes(&w->head);
     return mn_fail(w->st, MN_CAP_TOO_SMALL,
                    "%s: %.1f MB of memory are too few to read it in: try --ram %lluM", w->name,
-                   (double)w->desc->ram_bytes / (1 << 20), (unsigned long long)(need >> 20) + 1);
+                   (double)w->desc->ram_bytes / (1 << 20), mni_megabytes(need));
 }
 
 static mn_code open_rows(walk *w, const mni_rows_source *source) {

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "against.h"
+#include "cap.h"
 #include "simplify.h"
 #include "walk.h"
 
@@ -60,7 +61,7 @@ static mn_code compare(verifier *v) {
         return mn_fail(v->st, MN_CAP_TOO_SMALL,
                        "%s: %.1f MB of memory are too few to compare it in: try --ram %lluM",
                        v->file.path, (double)ram / (1 << 20),
-                       (unsigned long long)((MNI_PROGRAM_BYTES + least) >> 20) + 1);
+                       mni_megabytes(MNI_PROGRAM_BYTES + least));
     const mn_tree *t = &v->file.head;
     const uint64_t most = /* more is not used */
         MOST_EACH_BYTES * ((uint64_t)t->leaves + t->simplices) + (64 << 20);

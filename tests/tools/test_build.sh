@@ -214,6 +214,7 @@ expect 5 build in.ply -o x.mnt --ram 200K
 ram=$(sed -n 's/.*try --ram \([0-9]*M\).*/\1/p' err.txt)
 [ -n "$ram" ] || fail "exit 5 names no number: $(cat err.txt)"
 expect 0 build in.ply -o x.mnt --ram "$ram"
+expect 5 build in.ply -o x.mnt --ram $((${ram%M} - 1))M # what it names is the least
 rm x.mnt
 
 # blocks take memory too: the cap holds or it is refused before the mesh is read, with one that holds

@@ -116,6 +116,8 @@ for count in 2000 2k 2K; do
     expect 0 extract a.mnt --triangles $count -o x.ply
     grep -q ' 2000 triangles$' out.txt || fail "--triangles $count: $(cat out.txt)"
 done
+expect 0 extract a.mnt --triangles 1 -o x.ply
+says 'warning: x.ply has no triangle.*--triangles'
 bytes=$(printf 'b\344d \342\202\254 \355\240\200.ply') # Latin-1, a euro, half a surrogate pair
 cp one.ply "$bytes"
 expect 0 bench error "$bytes" --json --samples 100
