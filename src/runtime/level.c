@@ -19,8 +19,10 @@
  * Where the eye is in a node's sphere nobody knows how far its triangles are. They are taken to be
  * as near as a millionth of the model, and so whatever is not leaves or flat is wanted by any
  * tolerance: of a hub's 10,000 slivers, each as long as the eye is away, more than a small front
- * holds. So as the tolerance gives way they are taken to be farther as well, and faster: what is
- * known to be near comes first. Both rise with the level, so what fits at one fits at every higher.
+ * holds. So as the tolerance gives way they are taken to be farther as well: soon as far as the
+ * model's box, than which nothing is nearer, and beyond that slowly, since whatever is known to be
+ * near is then taken to be as far. Both rise with the level, so what fits at one fits at every
+ * higher.
  *
  * Pure functions on plain data; Navigate only. Paper: none; design.md §4, "Degrading". */
 #include "level.h"
@@ -30,9 +32,10 @@
 #include "mn_assert.h"
 
 enum { UNKNOWN = MNI_LEVEL_MAX + 1 };
-/* The distance of a node whose sphere holds the eye rises with this power of the tolerance, up to
- * 2^14 millionths of the model's radius: the dive comes down to 20,000. */
-enum { REACH_EXPONENT = 4, REACH_DOUBLINGS_MAX = 14 };
+/* The least distance rises with these powers of the tolerance: up to the box; and anywhere, there
+ * of a tolerance that can be seen, from a pixel on. */
+#define REACH_TO_BOX 4.0
+#define REACH_ANYWHERE 2.0
 
 /* While the camera moves so much room is left: at the rim every frame would refuse something. */
 static const double FILL_MOVING = 0.97;
@@ -45,9 +48,16 @@ double mni_level_tolerance(const mni_level *l, double tolerance_px) {
     return tolerance_px * exp2((double)l->level / MNI_LEVELS_A_DOUBLING);
 }
 
-double mni_level_reach(const mni_level *l) {
+/* Doublings of a tolerance until it can be seen. */
+static double unseen(double tolerance_px) {
+    return fmax(-log2(tolerance_px), 0);
+}
+
+double mni_level_reach(const mni_level *l, double tolerance_px, double box_away) {
     const double doublings = (double)l->level / MNI_LEVELS_A_DOUBLING;
-    return exp2(fmin(REACH_EXPONENT * doublings, REACH_DOUBLINGS_MAX));
+    const double to_box = fmin(REACH_TO_BOX * doublings, log2(box_away));
+    const double anywhere = REACH_ANYWHERE * fmax(doublings - unseen(tolerance_px), 0);
+    return exp2(fmax(to_box, anywhere));
 }
 
 static int least(int a, int b) {
@@ -62,7 +72,10 @@ static int most(int a, int b) {
  * be, its distance gives way as well as the tolerance. */
 static int level_of(const mni_level_signs *s, double tolerance_px) {
     const double share = s->refused_px / tolerance_px, near = log2(share * s->refused_away);
-    const double giving = fmax(near / (1 + REACH_EXPONENT), near - REACH_DOUBLINGS_MAX);
+    const double to_box = fmax(near / (1 + REACH_TO_BOX), near - log2(s->box_away));
+    const double anywhere =
+        fmin(near, (near + REACH_ANYWHERE * unseen(tolerance_px)) / (1 + REACH_ANYWHERE));
+    const double giving = fmin(to_box, anywhere);
     const double level = ceil(MNI_LEVELS_A_DOUBLING * fmin(log2(share), giving));
     return level >= 0 && level < UNKNOWN ? (int)level : UNKNOWN; /* UNKNOWN for NaN too */
 }

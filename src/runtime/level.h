@@ -30,15 +30,16 @@ typedef struct mni_level_signs {
     double refused_px;   /* the largest error that found no room: 0 where all did */
     double refused_away; /* how far that was taken to be, in least distances: mni_level_reach, or
                             more */
+    double box_away;     /* as mni_level_reach has it */
     double fill;         /* share of the room that is taken, of the scarcest; 0: nobody knows */
 } mni_level_signs;
 
 void mni_level_open(mni_level *level);
 /* The tolerance at the level. */
 double mni_level_tolerance(const mni_level *level, double tolerance_px);
-/* By how much farther, at the level, a node is taken to be whose sphere holds the eye: 1 to 2^14.
- */
-double mni_level_reach(const mni_level *level);
+/* By how much farther, at the level, a node is taken to be whose sphere holds the eye: 1 and more.
+ * box_away: how far the eye is from the model's box, likewise in least distances, 1 and more. */
+double mni_level_reach(const mni_level *level, double tolerance_px, double box_away);
 /* The level for the next frame, after one at tolerance_px (as asked for). */
 void mni_level_next(mni_level *level, double tolerance_px, const mni_level_signs *signs);
 

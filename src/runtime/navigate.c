@@ -525,6 +525,7 @@ void mni_navigator_give_way(mni_navigator *nav, bool reading) {
                              .from_scratch = work->splits > nav->front.active / 2,
                              .refused_px = work->refused_px,
                              .refused_away = work->refused_away,
+                             .box_away = nav->box_away,
                              .fill = mni_navigator_fill(nav)};
     if (nav->degrades)
         mni_level_next(&nav->level, nav->tolerance_px, &signs);
@@ -548,6 +549,21 @@ static void clock_advance(mni_navigator *nav, double motion) {
         nav->slot_due[i] = MNI_DUE_NOW;
 }
 
+/* The largest power of two that the eye is away from the model's box, in least distances. A power
+ * of two, since whoever has been judged is judged again when the least distance changes. */
+static double box_away(const mni_navigator *nav, const mn_camera *camera) {
+    const mn_header *h = nav->front.header;
+    double square = 0;
+    for (int i = 0; i < 3; i++) {
+        const double below = (double)h->box_min[i] - (double)camera->eye[i];
+        const double above = (double)camera->eye[i] - (double)h->box_max[i];
+        const double off = fmax(fmax(below, above), 0);
+        square += off * off;
+    }
+    const double away = sqrt(square) / mni_lens_distance_min(nav->size);
+    return away > 1 ? exp2(floor(log2(away))) : 1;
+}
+
 void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tolerance_px) {
     const bool moved_before = nav->ahead.look.moves, early_before = nav->early;
     nav->moved = memcmp(&nav->camera, camera, sizeof *camera) != 0 ||
@@ -555,7 +571,9 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->camera = *camera;
     nav->tolerance_px = tolerance_px;
     double used_px = mni_level_tolerance(&nav->level, tolerance_px);
-    const double least = mni_lens_distance_min(nav->size) * mni_level_reach(&nav->level);
+    nav->box_away = box_away(nav, camera);
+    const double least = mni_lens_distance_min(nav->size) *
+                         mni_level_reach(&nav->level, tolerance_px, nav->box_away);
     bool same = nav->lens.tolerance_px == used_px;
     mni_lens before = nav->lens;
     mni_lens_make(&nav->lens, camera, nav->width_px, nav->height_px, least, used_px, &nav->weights);

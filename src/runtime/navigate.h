@@ -100,6 +100,7 @@ typedef struct mni_navigator {
     float clock; /* motion of the camera up to now, and at times from 0 again */
     mn_camera camera;
     double tolerance_px; /* as asked for; the lens has what is used */
+    double box_away;     /* from the eye to the model's box, in mni_lens_distance_min */
     bool moved;          /* the camera or the tolerance is not the last frame's */
     bool again;          /* a chain refused for no known block may go through now */
     bool crowded;  /* so many collapses come to be tested that they go by place, not by order id */

@@ -24,6 +24,7 @@ static mni_level_signs look(int level, int lowest, bool knows_errors, bool knows
     if (s.full && knows_errors)
         s.refused_px = exp2((double)(lowest + (int)below(200)) / MNI_LEVELS_A_DOUBLING);
     s.refused_away = INFINITY;
+    s.box_away = 1;
     if (knows_fill)
         s.fill = s.full ? 1 : exp2((double)(lowest - level) / MNI_LEVELS_A_DOUBLING);
     return s;
@@ -68,7 +69,8 @@ START_TEST(at_once_from_scratch) {
     mni_level_open(&l);
     mni_level_signs s = {.moved = true, .full = true, .from_scratch = true};
     s.refused_px = 64; /* six doublings above the tolerance */
-    s.refused_away = 1 << 20;
+    s.refused_away = INFINITY;
+    s.box_away = 1;
     mni_level_next(&l, 1, &s);
     ck_assert_int_eq(l.level, 6 * MNI_LEVELS_A_DOUBLING);
     ck_assert_int_lt(stand(&l, 6 * MNI_LEVELS_A_DOUBLING - 1, true, true), 8);
@@ -76,26 +78,49 @@ START_TEST(at_once_from_scratch) {
 }
 END_TEST
 
-/* What is as near as anything is taken to be is taken to be farther as well, by up to 14 doublings.
- * (A jump to beside a hub went to a million pixels, and came down from there.) */
+/* What is as near as anything is taken to be is taken to be farther as well: soon as far as the
+ * box, and slowly from there, of a tolerance below a pixel from a pixel on. (A jump to beside a hub
+ * went to a million pixels, and came down from there.) */
 START_TEST(at_once_beside_the_eye) {
-    const int error[] = {0, 10, 17, 21, 21, 21}, away[] = {0, 0, 0, 0, 14, 40};
-    const double level[] = {0, 2, 3.4, 7, 21, 21};
-    for (int i = 0; i < 6; i++) {
+    const int error[] = {0, 10, 10, 10, 20, 20, 10, 10}, away[] = {0, 0, 0, 0, 0, 0, 6, 40};
+    const int box[] = {0, 0, 20, 7, 18, 2, 6, 40};
+    const double asked[] = {1, 1, 1, 1, 1, 1, 1, 1.0 / 1024};
+    const double level[] = {0, 10.0 / 3, 2, 3, 4, 20.0 / 3, 16.0 / 3, 20};
+    for (int i = 0; i < 8; i++) {
         mni_level l;
         mni_level_open(&l);
         mni_level_signs s = {.moved = true, .full = true, .from_scratch = true};
         s.refused_px = exp2(error[i]);
         s.refused_away = exp2(away[i]);
-        mni_level_next(&l, 1, &s);
+        s.box_away = exp2(box[i]);
+        mni_level_next(&l, asked[i], &s);
         const double wants = fmax(1, ceil(level[i] * MNI_LEVELS_A_DOUBLING));
         ck_assert_int_eq(l.level, (int)wants);
         if (away[i] > 0 || error[i] == 0)
             continue;
-        const double still = s.refused_px / mni_level_reach(&l);
-        ck_assert_double_le(still, mni_level_tolerance(&l, 1) * 1.0001);
+        const double still = s.refused_px / mni_level_reach(&l, asked[i], s.box_away);
+        ck_assert_double_le(still, mni_level_tolerance(&l, asked[i]) * 1.0001);
         l.level--;
-        ck_assert_double_gt(s.refused_px / mni_level_reach(&l), mni_level_tolerance(&l, 1));
+        ck_assert_double_gt(s.refused_px / mni_level_reach(&l, asked[i], s.box_away),
+                            mni_level_tolerance(&l, asked[i]));
+    }
+}
+END_TEST
+
+/* What is known to be near is not taken to be farther than the box, nor, in it, by more than the
+ * square of a tolerance that can be seen. (To 2^14 times, though it was near.) */
+START_TEST(near_stays_near) {
+    mni_level l;
+    double before = 1;
+    mni_level_open(&l);
+    ck_assert(mni_level_reach(&l, 1, 1 << 20) == 1);
+    for (l.level = 0; l.level <= 20 * MNI_LEVELS_A_DOUBLING; l.level++) {
+        const double tolerance_px = mni_level_tolerance(&l, 1.0 / 1024);
+        const double seen = fmax(tolerance_px, 1), reach = mni_level_reach(&l, 1.0 / 1024, 64);
+        ck_assert_double_le(reach, fmax(64, seen * seen) * 1.0001);
+        ck_assert_double_ge(reach, before);
+        ck_assert(tolerance_px > 1 || mni_level_reach(&l, 1.0 / 1024, 1) == 1);
+        before = reach;
     }
 }
 END_TEST
@@ -160,6 +185,7 @@ START_TEST(limits) {
     for (int i = 0; i < 5 * MNI_LEVEL_MAX / MNI_LEVEL_STRIDE; i++) {
         mni_level_signs s = {.full = true, .refused_px = errors[i % 5], .fill = 2};
         s.refused_away = errors[(i + 1) % 5];
+        s.box_away = i % 3 == 0 ? 1 : 1e20;
         mni_level_next(&l, i % 2 ? 1 : -1, &s);
     }
     ck_assert(l.level == MNI_LEVEL_MAX && l.settled);
@@ -178,6 +204,7 @@ int main(void) {
     tcase_add_loop_test(tc, the_lowest_that_fits, 0, 4);
     tcase_add_test(tc, at_once_from_scratch);
     tcase_add_test(tc, at_once_beside_the_eye);
+    tcase_add_test(tc, near_stays_near);
     tcase_add_loop_test(tc, even_in_motion, 0, 4);
     tcase_add_test(tc, waits_for_blocks);
     tcase_add_test(tc, stale_refusals_are_no_verdict);
