@@ -8,6 +8,7 @@
 
 #include "mem.h"
 #include "mn_assert.h"
+#include "varint.h"
 
 /* Whether the tile that begins there begins behind a vertex. */
 static bool is_behind(const mni_tile_sample *cut, uint64_t key, uint32_t id) {
@@ -237,7 +238,8 @@ static unsigned char *take_tile(mni_tiles *t, const mni_tile *tile, mni_crate *c
 }
 
 mn_code mni_tiles_take(mni_tiles *t, mni_crate *c, mn_status *st) {
-    unsigned char *to = c->content = mni_mem_take((size_t)c->bytes + 1, (size_t)c->bytes);
+    unsigned char *to = c->content =
+        mni_mem_take((size_t)c->bytes + MNI_VARINT_WINDOW, (size_t)c->bytes);
     uint32_t next = 0;
     c->parcel = mni_mem_take(((size_t)c->parcels + 1) * sizeof *c->parcel, 0);
     if (c->content == NULL || c->parcel == NULL)
@@ -279,7 +281,7 @@ static mn_code shed_parcel(mni_tiles *t, const place *p, shedding *s) {
     if (p->head.simplices_bytes > s->room) {
         mni_mem_give(s->simplices);
         s->room = p->head.simplices_bytes;
-        s->simplices = mni_mem_take(s->room, 0);
+        s->simplices = mni_mem_take(s->room + MNI_VARINT_WINDOW, 0);
         if (s->simplices == NULL)
             return no_memory(s->st);
     }

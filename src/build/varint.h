@@ -4,8 +4,11 @@
 #define MNI_VARINT_H
 
 #include <stdint.h>
+#include <string.h>
 
 enum { MNI_VARINT32_MAX = 5 }; /* bytes of a u32, or of a folded difference of two and a bit */
+enum { MNI_VARINT_WINDOW = 8 };
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the first byte is the lowest");
 
 /* Behind what was put. */
 static inline unsigned char *mni_varint_put(unsigned char *to, uint64_t value) {
@@ -23,6 +26,19 @@ static inline uint64_t mni_varint_get(const unsigned char **at) {
         value |= (uint64_t)(*from & 0x7f) << shift;
     *at = from;
     return value;
+}
+
+/* The same, of numbers of at most 8 bytes, of which MNI_VARINT_WINDOW may be read, whatever stands
+ * behind the number. How long it is cannot be predicted, so there is no branch. */
+static inline uint64_t mni_varint_take(const unsigned char **at) {
+    uint64_t bytes;
+    memcpy(&bytes, *at, sizeof bytes);
+    const uint64_t last = ~bytes & UINT64_C(0x8080808080808080), own = last ^ (last - 1);
+    *at += (__builtin_ctzll(last) + 1) / 8;
+    bytes &= own & UINT64_C(0x7f7f7f7f7f7f7f7f);
+    bytes = (bytes & UINT64_C(0x007f007f007f007f)) | (bytes & UINT64_C(0x7f007f007f007f00)) >> 1;
+    bytes = (bytes & UINT64_C(0x00003fff00003fff)) | (bytes & UINT64_C(0x3fff00003fff0000)) >> 2;
+    return (bytes & UINT64_C(0x0fffffff)) | (bytes & UINT64_C(0x0fffffff00000000)) >> 4;
 }
 
 static inline uint64_t mni_fold(uint32_t value, uint32_t from) {

@@ -33,7 +33,7 @@ static unsigned char *put_u32(unsigned char *to, uint32_t value, uint32_t from) 
 }
 
 static uint32_t get_u32(const unsigned char **at, uint32_t from) {
-    return mni_unfold(mni_varint_get(at), from);
+    return mni_unfold(mni_varint_take(at), from);
 }
 
 /* 2^exponent, of those that normal doubles have. */
@@ -110,7 +110,7 @@ static unsigned char *put_reach(const mni_wire_pen *pen, unsigned char *to, mni_
 
 static mni_wire_reach get_reach(const mni_wire_pen *pen, const unsigned char **at) {
     uint32_t low = get_u32(at, pen->tile);
-    return (mni_wire_reach){low, low + (uint32_t)mni_varint_get(at)};
+    return (mni_wire_reach){low, low + (uint32_t)mni_varint_take(at)};
 }
 
 /* ---- places --------------------------------------------------------------------------------- */
@@ -227,9 +227,9 @@ static unsigned char *put_node(mni_wire_pen *pen, unsigned char *to, const mni_w
 
 static void get_node(mni_wire_pen *pen, const unsigned char **at, mni_wire_vertex *v) {
     v->node = pen->node = get_u32(at, pen->node);
-    v->leaves = (uint32_t)mni_varint_get(at);
-    v->split = (uint32_t)mni_varint_get(at);
-    v->levels = (uint32_t)mni_varint_get(at);
+    v->leaves = (uint32_t)mni_varint_take(at);
+    v->split = (uint32_t)mni_varint_take(at);
+    v->levels = (uint32_t)mni_varint_take(at);
 }
 
 /* A quadric that has not been moved, a leaf's, is zero at its vertex: c and the linear part. */
@@ -336,7 +336,7 @@ void mni_wire_get_simplex(mni_wire_pen *pen, const unsigned char **at, mni_wire_
     for (uint32_t c = 0; c < corners; c++)
         x->origin[c] = flags & MOVED << c ? get_u32(at, x->v[c]) : x->v[c];
     if (flags & CROSSES) {
-        x->reach.high += (uint32_t)mni_varint_get(at);
+        x->reach.high += (uint32_t)mni_varint_take(at);
         for (uint32_t c = 0; c < corners; c++)
             get_place(pen, at, x->p[c]);
     }

@@ -73,7 +73,8 @@ static inline mni_wire_pen mni_wire_pen_open(uint32_t tile, float step) {
 }
 
 /* Put: to has room for the most; behind what was put. Get: of what was put, in the same order, with
- * a pen that begins anew for each kind of record. A vertex's id stands by itself. */
+ * a pen that begins anew for each kind of record; MNI_VARINT_WINDOW bytes behind it may be read. A
+ * vertex's id stands by itself. */
 unsigned char *mni_wire_put_id(mni_wire_pen *pen, unsigned char *to, uint32_t id);
 uint32_t mni_wire_get_id(mni_wire_pen *pen, const unsigned char **at);
 unsigned char *mni_wire_put_vertex(mni_wire_pen *pen, unsigned char *to, const mni_wire_vertex *v);

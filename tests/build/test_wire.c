@@ -6,6 +6,7 @@
 
 #include "suite.h"
 #include "tree_fixture.h"
+#include "varint.h"
 #include "wire.h"
 
 enum { TIMES = 20000 };
@@ -121,7 +122,7 @@ static void check_vertex(const mni_wire_vertex *was, const mni_wire_vertex *is) 
 START_TEST(vertices) {
     enum { COUNT = 50 };
     uint64_t state = fixture_seed(61);
-    static unsigned char bytes[COUNT * (MNI_WIRE_ID_MAX + MNI_WIRE_VERTEX_MAX)];
+    static unsigned char bytes[COUNT * (MNI_WIRE_ID_MAX + MNI_WIRE_VERTEX_MAX) + MNI_VARINT_WINDOW];
     for (int i = 0; i < TIMES / COUNT; i++) {
         uint32_t tile = 300 + fixture_random(&state) % 100000;
         float step = random_step(&state);
@@ -176,7 +177,7 @@ static mni_wire_simplex random_simplex(uint64_t *state, uint32_t tile, float ste
 START_TEST(simplices) {
     enum { COUNT = 50 };
     uint64_t state = fixture_seed(63);
-    static unsigned char bytes[COUNT * MNI_WIRE_SIMPLEX_MAX];
+    static unsigned char bytes[COUNT * MNI_WIRE_SIMPLEX_MAX + MNI_VARINT_WINDOW];
     for (int i = 0; i < TIMES / COUNT; i++) {
         uint32_t tile = fixture_random(&state) % 100000;
         float step = random_step(&state);
@@ -209,7 +210,7 @@ END_TEST
 START_TEST(sights) {
     enum { COUNT = 50 };
     uint64_t state = fixture_seed(64);
-    unsigned char bytes[COUNT * MNI_WIRE_SIGHT_MAX], *end = bytes;
+    unsigned char bytes[COUNT * MNI_WIRE_SIGHT_MAX + MNI_VARINT_WINDOW], *end = bytes;
     const unsigned char *at = bytes;
     mni_wire_sight was[COUNT], is;
     mni_wire_pen pen = mni_wire_pen_open(400, 0);
