@@ -117,9 +117,12 @@ static bool keeps(const mni_navigator *nav) {
 
 /* Has a chain that lacks a block asked for enough? What will be undone is not to cost much, nor
  * what is done before its time. What it may do in any case comes first, as to tell whether it stays
- * takes longer. */
-static bool has_asked(const mni_navigator *nav, uint32_t missed, uint32_t splits, uint32_t count) {
+ * takes longer. idle: nodes since the last split that turned out to lack a block which is known. */
+static bool has_asked(const mni_navigator *nav, uint32_t missed, uint32_t splits, uint32_t count,
+                      uint32_t idle) {
     const double effort = nav->early_splits ? mni_navigator_effort(nav) : -INFINITY;
+    if (nav->early_splits && idle >= MNI_IDLE_MAX)
+        return true;
     if (missed < MNI_MISSED_MAX && splits < MNI_SURVEY_MAX && effort + 2 * count < nav->effort_max)
         return false;
     return !keeps(nav) || missed >= MNI_KEPT_MAX || splits >= MNI_KEPT_MAX ||
@@ -164,7 +167,7 @@ static mni_outcome split_next(mni_navigator *nav, uint32_t slot, uint32_t top, u
 mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
     mni_front *front = &nav->front;
     mni_outcome outcome = MNI_DONE;
-    uint32_t top = 1, missed = 0, first_missed = 0;
+    uint32_t top = 1, missed = 0, first_missed = 0, idle = 0;
     uint32_t who = 0; /* on the stack, that cannot be split */
     nav->stack[0] = mni_front_ref_of(front, slot);
     nav->pusher[0] = MNI_NOBODY;
@@ -206,11 +209,13 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
             top += pushed;
             if (mni_scarce_pushed(nav, top - pushed, pushed, &who))
                 outcome = MNI_REFUSED_POOL;
-        } else if (missed > 0 && has_asked(nav, missed, *count - first_missed, *count)) {
+        } else if (missed > 0 && has_asked(nav, missed, *count - first_missed, *count, idle)) {
             outcome = MNI_MISS;
         } else if (lack != NULL) {
+            idle++;
             top--;
         } else {
+            idle = 0;
             outcome = split_next(nav, at.slot, top, count);
             if (outcome == MNI_MISS) {
                 first_missed = missed == 0 ? *count : first_missed;

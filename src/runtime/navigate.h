@@ -17,6 +17,7 @@ enum {
     MNI_MISSED_MAX = 32,      /* nodes of a chain that are known to be missing: enough to ask … */
     MNI_SURVEY_MAX = 64,      /* … and splits after the first, for the sake of further ones … */
     MNI_KEPT_MAX = 1 << 12,   /* … and of either where the splits stay */
+    MNI_IDLE_MAX = 12,        /* nodes of an early chain that lack a block, and no split between */
     MNI_KEPT_FRAMES = 4,      /* that they stay for, unwanted */
     MNI_ROUND_OPS = 1000,     /* half a millisecond: ten times what it takes to wake I/O */
     MNI_LISTED_MAX = 256,     /* misses of a frame that have another turn in it */
