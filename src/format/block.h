@@ -150,7 +150,7 @@ static inline void mni_block_fetch(const mni_block *view, uint32_t index, bool e
 /* A node's own facts alone. */
 void mni_block_facts(const mni_block *view, uint32_t node, mni_facts *out);
 void mni_block_subtree(const mni_block *view, uint32_t subtree, mni_subtree *out);
-/* Where a child that mni_block_split has found, of kind SUBTREE, leads: ref and subtree. */
+/* Where an exit leads, a child that mni_block_split has found, of kind SUBTREE: ref and subtree. */
 void mni_block_way(const mni_block *view, mni_child *exit);
 /* An exit alone: a child of kind SUBTREE. */
 void mni_block_exit(const mni_block *view, uint32_t exit, mni_child *out);

@@ -196,8 +196,8 @@ static mni_outcome record_take(mni_front *f, uint32_t slot, mni_entry *entry, mn
         mni_store_add(f->store, *entry);
         return MNI_DONE;
     }
-    mni_child where;
-    mni_block_exit(block, f->face[slot].index, &where);
+    mni_child where = {.exit = f->face[slot].index};
+    mni_block_way(block, &where);
     mn_block_ref ref = mni_frame_ref(bytes, where.ref);
     mni_answer answer = mni_store_down(f->store, own, ref, entry);
     if (answer == MNI_ABSENT) {
@@ -235,8 +235,8 @@ mni_entry mni_front_exit(mni_front *f, uint32_t slot, mn_block_ref *ref, mni_not
     mni_entry own = mni_front_entry(f, f->node[slot].parent, slot);
     const void *bytes;
     const mni_block *block = view_of(f, own, &bytes);
-    mni_child where;
-    mni_block_exit(block, f->face[slot].index, &where);
+    mni_child where = {.exit = f->face[slot].index};
+    mni_block_way(block, &where);
     *ref = mni_frame_ref(bytes, where.ref);
     *note = mni_rate_note(where.subtree, &f->position[3 * (size_t)slot]);
     return own;

@@ -494,7 +494,7 @@ static void early_pass(mni_navigator *nav) {
     nav->version = front->version;
 }
 
-/* For later frames: early splits, then foresight. Who has no room for those needs this the more. */
+/* For later frames: early splits, then foresight. */
 static void look_forward(mni_navigator *nav) {
     const double start = EFFORT_START * nav->usual + EFFORT_LEAST;
     nav->effort_max = EFFORT_MAX * nav->usual + EFFORT_LEAST;
@@ -505,7 +505,7 @@ static void look_forward(mni_navigator *nav) {
         if (round_end(nav))
             missed_again(nav, true);
     }
-    if (mni_navigator_effort(nav) < nav->effort_max / (nav->early ? 2 : 1)) {
+    if (mni_navigator_effort(nav) < nav->effort_max / 2) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
         mni_ahead_scan(&nav->ahead, &nav->front, &nav->barred, nav->clock);
     }
