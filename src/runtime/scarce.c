@@ -89,6 +89,19 @@ static bool is_new(uint64_t seen[SEEN_BITS / 64], uint32_t order) {
     return is;
 }
 
+/* What looking at them and splitting them will touch is asked for. */
+static void fetch_found(const mni_navigator *nav, uint32_t from, uint32_t to) {
+    const mni_front *front = &nav->front;
+    for (uint32_t i = from; i < to; i++) {
+        const uint32_t slot = nav->stack[i].slot;
+        mni_front_fetch_simplices(front, slot, true);
+        __builtin_prefetch(&front->branch[front->node[slot].parent]);
+        __builtin_prefetch(&front->face[slot]);
+    }
+    for (uint32_t i = from; i < to; i++)
+        mni_front_fetch_record(front, nav->stack[i].slot);
+}
+
 /* The stack is a queue here: who is looked at stays on it, so that pushers lead back. */
 bool mni_scarce_begin(mni_navigator *nav, uint32_t *all, uint32_t *who) {
     uint64_t seen[SEEN_BITS / 64] = {0};
@@ -111,8 +124,7 @@ bool mni_scarce_begin(mni_navigator *nav, uint32_t *all, uint32_t *who) {
                 nav->pusher[top] = (uint16_t)next;
                 nav->stack[top++] = nav->stack[i];
             }
-        for (uint32_t i = first; i < top; i++)
-            mni_front_fetch_simplices(&nav->front, nav->stack[i].slot, true);
+        fetch_found(nav, first, top);
         if (mni_scarce_pushed(nav, first, top - first, who))
             return true;
     }
