@@ -250,6 +250,57 @@ corners() {
     }'
 }
 
+# globe MERIDIANS PARALLELS: a rough one, of which rounds can do little: two poles, slivers beside them.
+globe() {
+    awk -v seed="$seed" -v m="$1" -v p="$2" 'BEGIN {
+        srand(seed)
+        pi = atan2(0, -1)
+        last = m * (p - 1) + 1
+        print "ply\nformat ascii 1.0\nelement vertex " last + 1 "\nproperty float x\nproperty float y\nproperty float z"
+        print "element face " 2 * m * (p - 1) "\nproperty list uchar int vertex_indices\nend_header\n0 1 0"
+        for (i = 1; i < p; i++)
+            for (k = 0; k < m; k++) {
+                a = pi * i / p; b = 2 * pi * k / m; r = 1 + 0.01 * sin(7 * a + 5 * b) + 0.003 * rand()
+                print r * sin(a) * cos(b), r * cos(a), r * sin(a) * sin(b)
+            }
+        print "0 -1 0"
+        for (k = 0; k < m; k++) print 3, 0, 1 + (k + 1) % m, 1 + k
+        for (i = 0; i < p - 2; i++)
+            for (k = 0; k < m; k++) {
+                a = 1 + i * m + k; b = 1 + i * m + (k + 1) % m
+                print 3, a, b, b + m
+                print 3, a, b + m, a + m
+            }
+        for (k = 0; k < m; k++) print 3, last, last - m + k, last - m + (k + 1) % m
+    }'
+}
+
+# flat SIDE: a grid in which every collapse costs the same.
+flat() {
+    awk -v n="$1" 'BEGIN {
+        print "ply\nformat ascii 1.0\nelement vertex " n * n "\nproperty float x\nproperty float y\nproperty float z"
+        print "element face " 2 * (n - 1) * (n - 1) "\nproperty list uchar int vertex_indices\nend_header"
+        for (i = 0; i < n; i++) for (k = 0; k < n; k++) print i, k, 0
+        for (i = 0; i < n - 1; i++)
+            for (k = 0; k < n - 1; k++) {
+                a = i * n + k
+                print 3, a, a + 1, a + n
+                print 3, a + 1, a + n + 1, a + n
+            }
+    }'
+}
+
+# Rounds that do little leave more on the disk than memory that is enough for others keeps off it.
+plan_of_slow_rounds() {
+    globe 1500 200 >slow.ply
+    expect 0 poles build slow.ply -o slow.mnt --ram 1G --json &&
+        holds "poles: the peak is within the plan" "$(figures temp_bytes_peak) <= $(figures temp_bytes_planned)"
+    flat 400 >slow.ply
+    expect 0 flat build slow.ply -o slow.mnt --ram 24M -j 3 --json &&
+        holds "flat: the peak is within the plan" "$(figures temp_bytes_peak) <= $(figures temp_bytes_planned)"
+    rm slow.ply slow.mnt
+}
+
 # What triangles take that cross the model is known when they have been read: the plan is another then.
 plan_of_corners() {
     local planned
@@ -403,6 +454,7 @@ part interrupts
 part nohups
 part full_disks
 part plan_of_corners
+part plan_of_slow_rounds
 part more_memory
 part elsewhere
 part moved
