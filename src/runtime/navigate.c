@@ -494,8 +494,10 @@ static void early_pass(mni_navigator *nav) {
     nav->version = front->version;
 }
 
-/* For later frames: early splits, then foresight. */
+/* For later frames: early splits, then foresight. Where there are those, or no room in the pool, a
+ * long frame has no time for this. With a budget no frame is longer than the others: it has. */
 static void look_forward(mni_navigator *nav) {
+    const bool brief = nav->early || (nav->seeks && nav->ops_max == 0);
     const double start = EFFORT_START * nav->usual + EFFORT_LEAST;
     nav->effort_max = EFFORT_MAX * nav->usual + EFFORT_LEAST;
     if (nav->early && mni_navigator_effort(nav) < start) {
@@ -505,7 +507,7 @@ static void look_forward(mni_navigator *nav) {
         if (round_end(nav))
             missed_again(nav, true);
     }
-    if (mni_navigator_effort(nav) < nav->effort_max / 2) {
+    if (mni_navigator_effort(nav) < nav->effort_max / (brief ? 2 : 1)) {
         MNI_TRACE(MN_TRACE_PHASE, MN_TRACE_FORESIGHT, 0, 0);
         mni_ahead_scan(&nav->ahead, &nav->front, &nav->barred, nav->clock);
     }

@@ -60,6 +60,14 @@ done <<'RUNS'
 --io uring --ram 8M --settle --fps 0
 RUNS
 
+# --- with a budget every frame is as long as the others: it looks ahead all the same
+for path in orbit dive; do # only frames shorter than usual ones did: 28 and 31 of 60, where 52 and 51 do
+    expect 0 replay a.mnt --path $path --frames 60 --tolerance 2 --io sim -K 60 --nav-ops 40 --trace a.trace
+    expect 0 trace a.trace --to csv -o a.csv
+    looks=$(grep -c ',phase,foresight,' a.csv)
+    [ "$looks" -ge 45 ] || fail "$path with a budget: $looks of 60 frames look ahead"
+done
+
 # --- the same bytes for a seed
 for name in one other; do
     expect 0 replay a.mnt --path orbit --frames 40 --io sim --io-serial --seed 5 -K 50 --trace $name
