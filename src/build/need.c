@@ -25,8 +25,6 @@
 enum {
     READ_VERTEX_BYTES = 48, /* with coordinates that floats do not hold */
     READ_TRIANGLE_BYTES = 24,
-    KEPT_VERTEX_BYTES = 52, /* whatever memory there is */
-    KEPT_TRIANGLE_BYTES = 19,
     ALL_VERTEX_BYTES = 130, /* without memory */
     ALL_TRIANGLE_BYTES = 30,
     MEMORY_SAVES = 5, /* a part of that at most */
@@ -50,11 +48,10 @@ uint64_t mn_vdt_temp_bytes(uint64_t vertices, uint64_t triangles, uint64_t ram_b
     const uint64_t half = triangles / 2 + triangles / 20,
                    welded = vertices < half ? vertices : half;
     const uint64_t read = READ_VERTEX_BYTES * vertices + READ_TRIANGLE_BYTES * triangles;
-    const uint64_t kept = KEPT_VERTEX_BYTES * welded + KEPT_TRIANGLE_BYTES * triangles;
     const uint64_t all = ALL_VERTEX_BYTES * welded + ALL_TRIANGLE_BYTES * triangles;
     const uint64_t most = all / MEMORY_SAVES;
     const uint64_t buffers = ram_bytes == 0 ? most : buffer_bytes(ram_bytes);
-    return LEAST_BYTES + max_u64(read, max_u64(kept, all - (buffers < most ? buffers : most)));
+    return LEAST_BYTES + max_u64(read, all - (buffers < most ? buffers : most));
 }
 
 uint64_t mni_vdt_temp_bytes_of(const mni_extmesh *mesh, uint64_t ram_bytes) {
