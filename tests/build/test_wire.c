@@ -207,6 +207,22 @@ START_TEST(simplices) {
 }
 END_TEST
 
+/* Of all lengths that are taken without a branch, whatever stands behind them. */
+START_TEST(numbers) {
+    uint64_t state = fixture_seed(65);
+    for (int i = 0; i < TIMES; i++) {
+        const uint32_t bits = fixture_random(&state) % 57;
+        const uint64_t any = (uint64_t)fixture_random(&state) << 32 | fixture_random(&state);
+        const uint64_t most = (UINT64_C(1) << bits) - 1, value = i % 4 == 0 ? most : any & most;
+        unsigned char bytes[2 * MNI_VARINT_WINDOW];
+        memset(bytes, i % 3 == 0 ? 0x80 : i % 3 == 1 ? 0xff : 0, sizeof bytes);
+        const unsigned char *end = mni_varint_put(bytes, value), *at = bytes;
+        ck_assert_uint_eq(mni_varint_take(&at), value);
+        ck_assert_ptr_eq(at, end);
+    }
+}
+END_TEST
+
 START_TEST(sights) {
     enum { COUNT = 50 };
     uint64_t state = fixture_seed(64);
@@ -254,6 +270,7 @@ int main(void) {
     tcase_add_test(t, vertices);
     tcase_add_test(t, simplices);
     tcase_add_test(t, sights);
+    tcase_add_test(t, numbers);
     tcase_add_test(t, what_is_on_the_grid);
     suite_add_tcase(s, t);
     return suite_run(s);
