@@ -53,10 +53,13 @@ static uint32_t push_blockers(mni_navigator *nav, uint32_t slot, uint32_t top) {
     return room > 1 ? mni_front_split_blockers(&nav->front, slot, nav->stack + top, room) : 1;
 }
 
-/* What their splits will touch is asked for: they are tested and split one after the other. What
- * stands around a node at a closed fan is there twice. */
-static void fetch_pushed(const mni_navigator *nav, uint32_t top, uint32_t pushed) {
+/* Who was pushed stands there for the top, and what his split will touch is asked for: they are
+ * tested and split one after the other. What stands around a node at a closed fan is there
+ * twice. */
+static void await_pushed(mni_navigator *nav, uint32_t top, uint32_t pushed) {
     const mni_front *front = &nav->front;
+    for (uint32_t i = 0; i < pushed; i++)
+        nav->pusher[top + i] = (uint16_t)(top - 1);
     for (uint32_t i = pushed / 2; i < pushed; i++) {
         const uint32_t slot = nav->stack[top + i].slot;
         mni_front_fetch_simplices(front, slot, true);
@@ -203,9 +206,7 @@ mni_outcome mni_chain_find(mni_navigator *nav, uint32_t slot, uint32_t *count) {
             chain_lacks(nav, top - 1, *lack);
         }
         if (pushed > 0) {
-            for (uint32_t i = 0; i < pushed; i++)
-                nav->pusher[top + i] = (uint16_t)(top - 1);
-            fetch_pushed(nav, top, pushed);
+            await_pushed(nav, top, pushed);
             top += pushed;
             if (mni_scarce_pushed(nav, top - pushed, pushed, &who))
                 outcome = MNI_REFUSED_POOL;
