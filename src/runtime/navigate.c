@@ -494,10 +494,10 @@ static void early_pass(mni_navigator *nav) {
     nav->version = front->version;
 }
 
-/* For later frames: early splits, then foresight. Where there are those, or no room in the pool, a
- * long frame has no time for this. With a budget no frame is longer than the others: it has. */
+/* For later frames: early splits, then foresight, for which a long frame has no time. With a budget
+ * no frame is longer than the others. */
 static void look_forward(mni_navigator *nav) {
-    const bool brief = nav->early || (nav->seeks && nav->ops_max == 0);
+    const bool brief = nav->ops_max == 0;
     const double start = EFFORT_START * nav->usual + EFFORT_LEAST;
     nav->effort_max = EFFORT_MAX * nav->usual + EFFORT_LEAST;
     if (nav->early && mni_navigator_effort(nav) < start) {
