@@ -187,13 +187,12 @@ mn_code temp_plan(temp_files *files, uint64_t bytes, const char *out, mn_status 
     return check(files, files->held_bytes, out, st);
 }
 
-/* Bytes on disk of an open file without a name; 0: it has one. By number: to follow the link takes
- * ten times as long. */
-static uint64_t held_by(const char *fd) {
-    char *end;
+/* Bytes on disk of an open file without a name; 0: it has one, or has been closed meanwhile. By its
+ * entry, not by its number: other threads open and close files, and what a number means is theirs.
+ */
+static uint64_t held_by(int list, const char *fd) {
     struct stat info;
-    const long number = strtol(fd, &end, 10);
-    if (end == fd || fstat((int)number, &info) != 0 || !S_ISREG(info.st_mode) || info.st_nlink > 0)
+    if (fstatat(list, fd, &info, 0) != 0 || !S_ISREG(info.st_mode) || info.st_nlink > 0)
         return 0;
     return (uint64_t)info.st_blocks * 512;
 }
@@ -209,7 +208,7 @@ void temp_look(temp_files *files) {
     const struct dirent *entry;
     files->held_bytes = kept_bytes(files->work); /* whether they are open or not */
     while (list != NULL && (entry = readdir(list)) != NULL)
-        files->held_bytes += held_by(entry->d_name);
+        files->held_bytes += held_by(dirfd(list), entry->d_name);
     if (files->held_bytes > files->peak_bytes)
         files->peak_bytes = files->held_bytes;
     if (list != NULL)

@@ -4,6 +4,8 @@
 #define _GNU_SOURCE /* O_TMPFILE */
 #include <check.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -126,6 +128,36 @@ END_TEST
 
 /* A build that goes on after a kill needs no room for what it has already, nor does one that clears
  * it: both were refused on a disk that was fuller than the plan. */
+/* Some stay open for a while, as a build's do. */
+static void *opens_and_closes(void *until) {
+    enum { OPEN = 32 };
+    int fd[OPEN];
+    while (!atomic_load_explicit((atomic_bool *)until, memory_order_relaxed)) {
+        for (int i = 0; i < OPEN; i++)
+            fd[i] = open(folder, O_TMPFILE | O_WRONLY, 0600);
+        for (int i = 0; i < OPEN; i++)
+            close(fd[i]);
+    }
+    return NULL;
+}
+
+/* Whoever looks has no part in what other threads open: the thread sanitizer says so. */
+START_TEST(others_open_files_meanwhile) {
+    pthread_t other;
+    atomic_bool enough = false;
+    place("/tmp/out.mnt", NULL);
+    const uint64_t before = held();
+    ck_assert_int_eq(pthread_create(&other, NULL, opens_and_closes, &enough), 0);
+    for (int i = 0; i < 200; i++) {
+        files.looked_s = 0;
+        temp_look(&files);
+        ck_assert_uint_le(files.held_bytes, before + (1 << 20)); /* theirs are empty */
+    }
+    atomic_store(&enough, true);
+    pthread_join(other, NULL);
+}
+END_TEST
+
 START_TEST(what_is_kept_is_room) {
     enum { KEPT_BYTES = 64 << 20 };
     mn_status st = {0};
@@ -199,6 +231,7 @@ int main(void) {
     tcase_add_test(tc, places);
     tcase_add_test(tc, what_is_held);
     tcase_add_test(tc, looks_are_apart);
+    tcase_add_test(tc, others_open_files_meanwhile);
     tcase_add_test(tc, what_is_kept_is_room);
     tcase_add_test(tc, links_stay_until_taken);
     tcase_add_test(tc, room);
