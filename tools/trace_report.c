@@ -279,12 +279,12 @@ static void count(trace_report *r, const mn_trace_event *e) {
         r->refused_pool += r->in_run ? value : 0;
         break;
     case MN_TRACE_N_IN_USE:
-        r->in_use_max = value > r->in_use_max ? value : r->in_use_max;
+        r->in_use_max = r->in_run && value > r->in_use_max ? value : r->in_use_max;
         if (period != NULL)
             period->in_use = value > period->in_use ? value : period->in_use;
         break;
     case MN_TRACE_N_ANCESTORS:
-        r->ancestors_max = value > r->ancestors_max ? value : r->ancestors_max;
+        r->ancestors_max = r->in_run && value > r->ancestors_max ? value : r->ancestors_max;
         break;
     case MN_TRACE_N_FREE:
         r->counters_differ += value != r->places[MN_TRACE_EMPTY] + r->places[MN_TRACE_FREED];

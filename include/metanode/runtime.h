@@ -150,7 +150,8 @@ typedef struct mn_frame_stats {
     double front_over_wanted; /* active nodes over those without forced splits; NaN: not computed */
     uint64_t reads, read_bytes, evictions, second_chances, prefetches;
     uint64_t front_hash; /* XXH3 of the sorted active order ids */
-    uint32_t blocks_in_use, blocks_resident;
+    uint32_t blocks_resident;
+    uint32_t blocks_in_use; /* with a barrier the most of the frame's rounds, and so is the next */
     uint32_t blocks_with_ancestors; /* in use, and all their ancestors: what K must hold */
     bool changed;                   /* something was split, collapsed or still waits for a read */
 } mn_frame_stats;

@@ -292,6 +292,10 @@ static void drain(mn_session *s) {
         mni_trace_drain(s->trace);
 }
 
+static uint32_t most(uint32_t a, uint32_t b) {
+    return a > b ? a : b;
+}
+
 /* One round of Navigate. Adds to *stats; returns whether anything changed or is still to come. */
 static bool navigate_once(mn_session *s, const mn_camera *camera, mn_frame_stats *stats) {
     double start_ms = now_ms(), start_cpu_ms = cpu_ms();
@@ -321,6 +325,9 @@ static bool navigate_once(mn_session *s, const mn_camera *camera, mn_frame_stats
     stats->refused_budget += work->refused_budget;
     stats->refused_pool += work->refused_pool;
     stats->waits_dependency += work->waits_dependency;
+    stats->blocks_in_use = most(stats->blocks_in_use, mni_store_in_use(s->store));
+    stats->blocks_with_ancestors =
+        most(stats->blocks_with_ancestors, mni_store_with_ancestors(s->store));
 #ifdef MN_SLOW_CHECKS
     mn_session_check(s);
 #endif
@@ -369,8 +376,7 @@ static void stats_finish(mn_session *s, const mn_session_stats *before, mn_frame
     stats->second_chances = after.second_chances - before->second_chances;
     stats->prefetches = after.prefetches - before->prefetches;
     stats->front_hash = front_hash(s);
-    mni_store_levels(s->store, &stats->blocks_in_use, &stats->blocks_resident);
-    stats->blocks_with_ancestors = mni_store_with_ancestors(s->store);
+    stats->blocks_resident = mni_store_in_memory(s->store);
 }
 
 static void count_frame(mn_session *s, const mn_frame_stats *frame) {

@@ -401,9 +401,12 @@ uint64_t mni_store_epoch(const mni_store *store) {
     return store->kind->epoch(store->blocks);
 }
 
-void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident) {
-    *in_use = store->table.in_use;
-    *resident = store->kind->resident(store->blocks, *in_use);
+uint32_t mni_store_in_use(const mni_store *store) {
+    return store->table.in_use;
+}
+
+uint32_t mni_store_in_memory(mni_store *store) {
+    return store->kind->resident(store->blocks, store->table.in_use);
 }
 
 double mni_store_fill(const mni_store *store) {

@@ -201,13 +201,14 @@ uint32_t mni_store_pending(mni_store *store);
 /* Rises when a frame ends with other blocks in use than the one before: what was refused may now be
  * granted. */
 uint64_t mni_store_epoch(const mni_store *store);
-/* Blocks in use and blocks in real memory; blocks in use with all their ancestors. */
-void mni_store_levels(mni_store *store, uint32_t *in_use, uint32_t *resident);
+/* Blocks in use; those with all their ancestors; and blocks in real memory. */
+uint32_t mni_store_in_use(const mni_store *store);
+uint32_t mni_store_with_ancestors(const mni_store *store);
+uint32_t mni_store_in_memory(mni_store *store);
 /* packed: blocks in use and their ancestors, levels: blocks in use, over the place holders in
  * service that the rules let them have: near 1 switches down are refused. 0: there is room for all
  * blocks. */
 double mni_store_fill(const mni_store *store);
-uint32_t mni_store_with_ancestors(const mni_store *store);
 
 /* paged, between frames: takes one chunk of place holders out of service and gives its memory back,
  * or into service again. shrink: false when each chunk holds something in use, or what would be

@@ -159,14 +159,11 @@ START_TEST(prefetch_and_second_chance) {
     ck_assert_uint_eq(loads(), 7);
     mni_store_sub(store, child);
     next_frame(); /* its children go to the free list, it stays: the root refers to it */
-    uint32_t in_use, resident;
-    mni_store_levels(store, &in_use, &resident);
-    ck_assert_uint_eq(in_use, 1);
-    ck_assert_uint_eq(resident, 4);
+    ck_assert_uint_eq(mni_store_in_use(store), 1);
+    ck_assert_uint_eq(mni_store_in_memory(store), 4);
     child = take(root, child_of(0, 0));
     next_frame();
-    mni_store_levels(store, &in_use, &resident);
-    ck_assert_uint_eq(resident, 7);
+    ck_assert_uint_eq(mni_store_in_memory(store), 7);
     ck_assert_uint_eq(loads(), 7);
     ck_assert_uint_eq(stats().second_chances, 3);
     mni_store_sub(store, child);
@@ -216,9 +213,7 @@ START_TEST(levels_leave_a_place) {
     other = take(root, child_of(0, 1));
     mni_store_sub(store, root);
     next_frame();
-    uint32_t in_use, resident;
-    mni_store_levels(store, &in_use, &resident);
-    ck_assert_uint_eq(in_use, 3);
+    ck_assert_uint_eq(mni_store_in_use(store), 3);
     for (uint32_t i = 0; i < 2; i++) { /* both ways up */
         answer = MNI_ABSENT;
         for (int frame = 0; frame < 5 && answer == MNI_ABSENT; frame++, next_frame())
