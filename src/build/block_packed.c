@@ -36,7 +36,7 @@ enum {
     TRIES_MAX = 24,   /* nodes that did not fit before a block counts as full */
     LOOK_AHEAD = 24,  /* exits that did not fit before a run counts as full */
     FITTINGS_MAX = 5, /* trials of one run */
-    ENDED_TIMES = 12, /* nodes below a block, for one in it, that end in blocks right below it */
+    ENDED_TIMES = 14, /* nodes below a block, for one in it, that end in blocks right below it */
     SMALL_NODES = 1,  /* of a subtree that goes with its parent wherever that is */
     SMALL_NODES_MAX = 15, /* where a run needs a little less room */
     MEASURES = 4096,      /* kept: those of the runs of a block of 8 KiB */

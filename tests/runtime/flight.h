@@ -21,8 +21,9 @@ typedef struct flight {
 } flight;
 
 /* The model, whose blocks tell how many place holders there are to be. */
-static inline const mn_header *flight_model(flight *f, const mn_block_desc *blocks) {
-    model_make(&f->m, MODEL_GLOBE, 12000, blocks);
+static inline const mn_header *flight_model(flight *f, uint32_t triangles,
+                                            const mn_block_desc *blocks) {
+    model_make(&f->m, MODEL_GLOBE, triangles, blocks);
     f->limits = mni_block_limits_of(&f->m.header);
     return &f->m.header;
 }

@@ -137,7 +137,7 @@ enum { FRAMES = 120, STANDS = 12 };
 
 static void over_globe(flight *f, mn_blocking blocking) {
     const mn_block_desc blocks = {.blocking = blocking, .block_bytes = 4096, .l = 4};
-    const mn_header *header = flight_model(f, &blocks);
+    const mn_header *header = flight_model(f, 12000, &blocks);
     const uint32_t k = mni_store_k_min(header) + header->blocks / 4;
     ck_assert_uint_lt(k, header->blocks);
     flight_open(f, k, (mni_store_desc){.io = MN_IO_SIM}, NODES_MAX);

@@ -15,14 +15,14 @@
 #include "scarce.h"
 #include "suite.h"
 
-enum { FRAMES = 90, STANDS = 40, DELAY_US = 120000 };
+enum { TRIANGLES = 16000, FRAMES = 90, STANDS = 40, DELAY_US = 120000 };
 /* the disk; -1: one that is serialised, in a thread of its own */
 enum { UNDONE_SHARE = 10 }; /* one in so many splits */
 enum { SERIAL = -1, FAST_US = 1, USUAL = 100000 };
 
 static void over_globe(flight *f, int delay_us, uint32_t nodes_max) {
     static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096};
-    const mn_header *header = flight_model(f, &blocks);
+    const mn_header *header = flight_model(f, TRIANGLES, &blocks);
     const mni_store_desc disk = {.io = delay_us == SERIAL ? MN_IO_PREAD : MN_IO_SIM,
                                  .io_serial = delay_us == SERIAL,
                                  .sim = {.delay_us_max = delay_us > 0 ? (uint32_t)delay_us : 0}};
@@ -31,7 +31,7 @@ static void over_globe(flight *f, int delay_us, uint32_t nodes_max) {
 
 static const mn_header *small_blocks(flight *f) {
     static const mn_block_desc blocks = {.blocking = MN_BLOCKING_PACKED, .block_bytes = 4096};
-    return flight_model(f, &blocks);
+    return flight_model(f, TRIANGLES, &blocks);
 }
 
 /* A disk that is there within a frame. */
@@ -40,9 +40,9 @@ static void with_places(flight *f, uint32_t k) {
     flight_open(f, k, disk, NODES_MAX);
 }
 
-/* As many places as half of the blocks. */
+/* Places for two blocks of five. */
 static void short_of_places(flight *f) {
-    with_places(f, small_blocks(f)->blocks / 2);
+    with_places(f, small_blocks(f)->blocks * 2 / 5);
 }
 
 static void fly_to(flight *f, const mn_camera *camera) {
