@@ -7,7 +7,9 @@
  *     front ──> mirror ── what is new ──> buffers ── one call ──> drawn (4 samples) ──> shown
  *
  * Cracks: triangles share their corners by index, so no edge is rasterised from two roundings.
- * Depth: positions are taken relative to the eye before they are turned. Where the driver has
+ * Depth: positions are taken relative to the eye before they are turned, and measured in the power
+ * of two next below the model's radius: shaders square areas, which floats do not hold of models as
+ * small as 1e-12 or as large as 1e12, and a power of two rounds nothing. Where the driver has
  * glClipControl, depth is near / distance in a float buffer: its relative precision is the same
  * everywhere, so the near plane may be close and there is no far one. Elsewhere the planes are
  * fitted to the model's bounding box. */
@@ -48,7 +50,7 @@ static const size_t range_gap_bytes = 256;
 
 typedef struct program {
     GLuint name;
-    GLint eye, view, scale, px_scale, depth, inv_radius, paint, flat_shading;
+    GLint eye, unit, view, scale, px_scale, depth, inv_radius, paint, flat_shading;
 } program;
 
 typedef struct target { /* what is drawn to, or read from */
@@ -59,6 +61,8 @@ struct mni_render {
     /* const after open */
     bool reversed_depth;
     vec3 box_min, box_max;
+    double radius; /* of the box; 1 if it is a point */
+    float unit;    /* a power of two: radius × unit is 1 to 2 */
     GLint samples, size_max;
     char driver[128];
     program surface, wire;
@@ -139,6 +143,7 @@ static bool open_program(program *p, const char *fragment, mn_status *st) {
     if (p->name == 0)
         return false;
     p->eye = glGetUniformLocation(p->name, "eye");
+    p->unit = glGetUniformLocation(p->name, "unit");
     p->view = glGetUniformLocation(p->name, "view");
     p->scale = glGetUniformLocation(p->name, "scale");
     p->px_scale = glGetUniformLocation(p->name, "px_scale");
@@ -265,6 +270,18 @@ static void fixed_state(mni_render *r) {
     strncpy(r->driver, name != NULL ? name : "unknown", sizeof r->driver - 1);
 }
 
+static void measure_box(mni_render *r, const mn_gl_desc *desc) {
+    double square = 0;
+    for (int i = 0; i < 3; i++) {
+        const double side = (double)desc->box_max[i] - (double)desc->box_min[i];
+        r->box_min[i] = desc->box_min[i];
+        r->box_max[i] = desc->box_max[i];
+        square += side * side;
+    }
+    r->radius = square > 0 ? 0.5 * sqrt(square) : 1;
+    r->unit = (float)ldexp(1, -ilogb(r->radius));
+}
+
 mn_code mni_render_open(const mn_gl_desc *desc, mni_render **out, mn_status *st) {
     *out = NULL;
     if (epoxy_gl_version() < 33)
@@ -276,8 +293,7 @@ mn_code mni_render_open(const mn_gl_desc *desc, mni_render **out, mn_status *st)
         free(r);
         return mn_fail(st, MN_FAILED, "no memory to draw %u nodes", desc->node_slots_max);
     }
-    glm_vec3_copy((float *)desc->box_min, r->box_min);
-    glm_vec3_copy((float *)desc->box_max, r->box_max);
+    measure_box(r, desc);
     fixed_state(r);
     mn_code code = choose_uploads(r, st);
     bool good = code == MN_OK && open_program(&r->surface, mni_shader_surface_fragment, st) &&
@@ -363,11 +379,17 @@ mn_code mni_render_front(mni_render *r, const mn_front *front, mn_status *st) {
 
 /* ---- drawing -------------------------------------------------------------------------------- */
 
+/* b - a, in units of the model. */
+static void between(const mni_render *r, const float a[3], const float b[3], vec3 out) {
+    for (int i = 0; i < 3; i++)
+        out[i] = (b[i] - a[i]) * r->unit;
+}
+
 /* Rows: right, up, back. An up along the view is replaced by an axis that is not. */
-static void view_of(const mn_camera *camera, mat3 view) {
+static void view_of(const mni_render *r, const mn_camera *camera, mat3 view) {
     vec3 up, forward, right;
     glm_vec3_copy((float *)camera->up, up);
-    glm_vec3_sub((float *)camera->target, (float *)camera->eye, forward);
+    between(r, camera->eye, camera->target, forward);
     glm_vec3_normalize(forward);
     glm_vec3_normalize(up);
     if (fabsf(glm_vec3_dot(forward, up)) > 0.99999f)
@@ -381,41 +403,42 @@ static void view_of(const mn_camera *camera, mat3 view) {
     }
 }
 
-/* The smallest and largest distance along the view at which the model's box can be seen. */
-static void planes_of(const mni_render *r, const mn_camera *camera, mat3 view, float radius,
-                      float *near, float *far) {
+/* The smallest and largest distance along the view at which the model's box can be seen, in units.
+ */
+static void planes_of(const mni_render *r, const mn_camera *camera, mat3 view, float *near,
+                      float *far) {
+    vec3 to_min, to_max;
     float outside2 = 0;
-    *far = 0;
+    between(r, camera->eye, r->box_min, to_min);
+    between(r, camera->eye, r->box_max, to_max);
     for (int i = 0; i < 3; i++) {
-        const float e = camera->eye[i];
-        const float d = fmaxf(fmaxf(r->box_min[i] - e, e - r->box_max[i]), 0);
+        const float d = fmaxf(fmaxf(to_min[i], -to_max[i]), 0);
         outside2 += d * d;
     }
+    *far = 0;
     for (int corner = 0; corner < 8; corner++) {
         float z = 0;
         for (int i = 0; i < 3; i++)
-            z -= view[i][2] * ((corner >> i & 1 ? r->box_max[i] : r->box_min[i]) - camera->eye[i]);
+            z -= view[i][2] * (corner >> i & 1 ? to_max[i] : to_min[i]);
         *far = fmaxf(*far, z);
     }
     /* The box's distance is along any direction; in the corner of a picture 60 degrees off its
      * axis the same point is half as far along the view. */
     const float closest = r->reversed_depth ? 1e-6f : 5e-4f;
-    *near = fmaxf(0.4f * sqrtf(outside2), closest * radius);
+    *near = fmaxf(0.4f * sqrtf(outside2), closest * (float)(r->radius * (double)r->unit));
     *far = fmaxf(1.01f * *far, 2 * *near);
 }
 
 static void use(const mni_render *r, const program *p, const mn_camera *camera,
                 const mn_gl_look *look) {
     mat3 view;
-    view_of(camera, view);
-    float radius = 0.5f * glm_vec3_distance((float *)r->box_min, (float *)r->box_max);
-    if (!(radius > 0))
-        radius = 1;
     float near, far;
-    planes_of(r, camera, view, radius, &near, &far);
+    view_of(r, camera, view);
+    planes_of(r, camera, view, &near, &far);
     const float sy = 1 / tanf(0.5f * glm_rad(camera->fov_y_deg));
     glUseProgram(p->name);
     glUniform3fv(p->eye, 1, camera->eye);
+    glUniform1f(p->unit, r->unit);
     glUniformMatrix3fv(p->view, 1, GL_FALSE, view[0]);
     glUniform2f(p->scale, sy * (float)r->height / (float)r->width, sy);
     glUniform1f(p->px_scale, 0.5f * sy * (float)r->height);
@@ -423,7 +446,7 @@ static void use(const mni_render *r, const program *p, const mn_camera *camera,
         glUniform2f(p->depth, 0, near);
     else
         glUniform2f(p->depth, -(far + near) / (far - near), -2 * far * near / (far - near));
-    glUniform1f(p->inv_radius, 1 / radius);
+    glUniform1f(p->inv_radius, (float)(1 / r->radius));
     glUniform1i(p->paint, look->lod_colors ? 2 : r->front_colors ? 1 : 0);
     glUniform1i(p->flat_shading, look->flat);
 }

@@ -1,5 +1,6 @@
-/* The shaders, GLSL 3.30. Units: lengths in model units relative to the eye; light is linear until
- * the last line of a fragment shader. Lights stand with the camera, so no view is dark. */
+/* The shaders, GLSL 3.30. Lengths are relative to the eye, in units of about the model's radius
+ * (render.c says why); light is linear until the last line of a fragment shader. Lights stand with
+ * the camera, so no view is dark. */
 #include "parts.h"
 
 #define TEXT(...) #__VA_ARGS__
@@ -15,6 +16,7 @@ const char mni_shader_surface_vertex[] =
     "layout(location = 2) in vec4 color;\n"
     "layout(location = 3) in float switch_value;\n"
     "uniform vec3 eye;\n"
+    "uniform float unit;\n" /* units a length of the model */
     "uniform mat3 view;\n"
     "uniform vec2 scale;\n"       /* x, y of the projection */
     "uniform vec2 depth;\n"       /* clip z = depth.x * z + depth.y */
@@ -27,7 +29,7 @@ const char mni_shader_surface_vertex[] =
     "    return clamp(vec3(1.5) - abs(4.0 * vec3(t) - vec3(3.4, 2.0, 0.6)), 0.12, 0.88);\n"
     "}\n"
     "void main() {\n"
-    "    vec3 p = view * (position - eye);\n"
+    "    vec3 p = view * ((position - eye) * unit);\n"
     "    gl_Position = vec4(scale * p.xy, depth.x * p.z + depth.y, -p.z);\n"
     "    v_at = p;\n"
     "    v_normal = view * normal.xyz;\n"

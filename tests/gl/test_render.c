@@ -305,6 +305,42 @@ START_TEST(close_up_has_no_holes_and_no_fighting) {
 }
 END_TEST
 
+/* A model in another unit of length, as small and as large as `build` takes them, is the same
+ * picture to the bit: powers of two round nothing. */
+START_TEST(the_unit_of_length_does_not_show) {
+    static uint8_t one[4][sizeof rgba];
+    static const int exponents[] = {0, -82, -67, -40, -20, 20, 40, 57, 98};
+    for (size_t e = 0; e < sizeof exponents / sizeof exponents[0]; e++) {
+        const float scale = ldexpf(1, exponents[e]);
+        fake f = fake_sphere(48, W, H);
+        for (uint32_t i = 0; i < f.front.node_slots; i++) {
+            f.switch_value[i] *= scale;
+            for (int k = 0; k < 3; k++)
+                f.position[3 * i + (uint32_t)k] *= scale;
+        }
+        for (int k = 0; k < 3; k++) {
+            f.desc.box_min[k] *= scale;
+            f.desc.box_max[k] *= scale;
+        }
+        open_for(&f);
+        const mn_camera camera = from(1.5f * scale, 0.5f * scale, 2 * scale);
+        for (int look = 0; look < 4; look++) {
+            const mn_gl_look l = {
+                .wireframe = look == 1, .lod_colors = look == 2, .flat = look == 3};
+            char name[32];
+            snprintf(name, sizeof name, "unit-%d-%d", exponents[e], look);
+            draw(&camera, &l, name);
+            if (e == 0)
+                memcpy(one[look], rgba, sizeof rgba);
+            ck_assert_msg(memcmp(rgba, one[look], sizeof rgba) == 0, "2^%d, look %d", exponents[e],
+                          look);
+        }
+        load.api->close(gl);
+        fake_free(&f);
+    }
+}
+END_TEST
+
 START_TEST(an_empty_front_is_sky) {
     fake f = fake_sheet(2, W, H);
     f.front.simplex_slots = 0;
@@ -400,6 +436,7 @@ int main(void) {
     tcase_add_test(tc, lod_colors_tell_fine_from_coarse);
     tcase_add_test(tc, wires_show);
     tcase_add_test(tc, close_up_has_no_holes_and_no_fighting);
+    tcase_add_test(tc, the_unit_of_length_does_not_show);
     tcase_add_test(tc, an_empty_front_is_sky);
     tcase_add_test(tc, a_picture_too_large_is_refused);
     tcase_add_test(tc, no_display_is_said_at_once);
