@@ -97,12 +97,12 @@ static mn_code open_path(viewer *v, mn_status *st) {
     v->path_frames = recorded > 0 && !o->frames_given ? recorded : o->frames;
     o->desc.base_bytes = mn_path_bytes(v->path);
     mn_path_camera(v->path, 0, v->path_frames, &camera);
-    float square = 0;
+    double square = 0;
     for (int i = 0; i < 3; i++) {
-        const float side = header.box_max[i] - header.box_min[i];
-        square += 0.25f * side * side;
+        const double side = (double)header.box_max[i] - (double)header.box_min[i];
+        square += 0.25 * side * side;
     }
-    v->radius = sqrtf(square);
+    v->radius = (float)sqrt(square);
     v->start = v->now = orbit_from(&camera, v->radius);
     return MN_OK;
 }

@@ -1,5 +1,6 @@
 /* See orbit.h. The eye is the target plus a direction of two angles, so that no history of drags
- * can roll the horizon. */
+ * can roll the horizon. What is squared is a double: floats hold models whose squares they do not.
+ */
 #include "orbit.h"
 
 #include <math.h>
@@ -22,17 +23,18 @@ static float clamp(float v, float min, float max) {
 
 orbit orbit_from(const mn_camera *camera, float radius) {
     orbit o = {.fov_y_deg = camera->fov_y_deg};
-    float d[3], square = 0;
+    float d[3];
+    double square = 0;
     for (int i = 0; i < 3; i++) {
         o.target[i] = camera->target[i];
         d[i] = camera->eye[i] - camera->target[i];
-        square += d[i] * d[i];
+        square += (double)d[i] * (double)d[i];
     }
     if (!(radius > 0))
         radius = 1;
     o.distance_min = 1e-5f * radius;
     o.distance_max = 100 * radius;
-    o.distance = clamp(sqrtf(square), o.distance_min, o.distance_max);
+    o.distance = clamp((float)sqrt(square), o.distance_min, o.distance_max);
     o.turn = atan2f(d[0], d[2]);
     o.tilt = clamp(asinf(clamp(d[1] / o.distance, -1, 1)), -tilt_max, tilt_max);
     return o;
@@ -70,22 +72,23 @@ void orbit_zoom(orbit *o, float notches) {
  * Möller and Trumbore. */
 static float meets(const float eye[3], const float along[3], const float *a, const float *b,
                    const float *c) {
-    float e[3], f[3], s[3];
+    double d[3], e[3], f[3], s[3];
     for (int i = 0; i < 3; i++) {
-        e[i] = b[i] - a[i];
-        f[i] = c[i] - a[i];
-        s[i] = eye[i] - a[i];
+        d[i] = (double)along[i];
+        e[i] = (double)b[i] - (double)a[i];
+        f[i] = (double)c[i] - (double)a[i];
+        s[i] = (double)eye[i] - (double)a[i];
     }
-    const float p[3] = {along[1] * f[2] - along[2] * f[1], along[2] * f[0] - along[0] * f[2],
-                        along[0] * f[1] - along[1] * f[0]};
-    const float q[3] = {s[1] * e[2] - s[2] * e[1], s[2] * e[0] - s[0] * e[2],
-                        s[0] * e[1] - s[1] * e[0]};
-    const float volume = e[0] * p[0] + e[1] * p[1] + e[2] * p[2];
-    const float u = (s[0] * p[0] + s[1] * p[1] + s[2] * p[2]) / volume;
-    const float v = (along[0] * q[0] + along[1] * q[1] + along[2] * q[2]) / volume;
+    const double p[3] = {d[1] * f[2] - d[2] * f[1], d[2] * f[0] - d[0] * f[2],
+                         d[0] * f[1] - d[1] * f[0]};
+    const double q[3] = {s[1] * e[2] - s[2] * e[1], s[2] * e[0] - s[0] * e[2],
+                         s[0] * e[1] - s[1] * e[0]};
+    const double volume = e[0] * p[0] + e[1] * p[1] + e[2] * p[2];
+    const double u = (s[0] * p[0] + s[1] * p[1] + s[2] * p[2]) / volume;
+    const double v = (d[0] * q[0] + d[1] * q[1] + d[2] * q[2]) / volume;
     if (!(u >= 0 && v >= 0 && u + v <= 1)) /* also when the volume is 0 */
         return -1;
-    return (f[0] * q[0] + f[1] * q[1] + f[2] * q[2]) / volume;
+    return (float)((f[0] * q[0] + f[1] * q[1] + f[2] * q[2]) / volume);
 }
 
 void orbit_aim(orbit *o, const mn_front *front) {

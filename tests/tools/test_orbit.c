@@ -85,6 +85,32 @@ START_TEST(aims_at_the_nearest_triangle) {
 }
 END_TEST
 
+/* Models as small and as large as `build` takes them: the same moves, to the scale of the model. */
+START_TEST(the_unit_of_length_does_not_show) {
+    static const int exponents[] = {0, -82, -60, 60, 98};
+    orbit one = {0};
+    for (size_t e = 0; e < sizeof exponents / sizeof exponents[0]; e++) {
+        const float scale = ldexpf(1, exponents[e]);
+        float position[] = {-1, -1, 1, 1, -1, 1, 0, 1, 1};
+        for (int i = 0; i < 9; i++)
+            position[i] *= scale;
+        const uint32_t node[] = {0, 1, 2};
+        const mn_front front = {
+            .node_slots = 3, .position = position, .simplex_slots = 1, .simplex_node = node};
+        const mn_camera camera = {.eye = {0, 0, 4 * scale}, .up = {0, 1, 0}, .fov_y_deg = 90};
+        orbit o = orbit_from(&camera, 2 * scale);
+        orbit_zoom(&o, -1);
+        orbit_aim(&o, &front);
+        ck_assert_float_eq_tol(o.target[2] / scale, 1, 1e-5f);
+        if (e == 0)
+            one = o;
+        ck_assert_float_eq(o.distance, one.distance * scale);
+        ck_assert_float_eq(o.turn, one.turn);
+        ck_assert_float_eq(o.tilt, one.tilt);
+    }
+}
+END_TEST
+
 START_TEST(nothing_breaks_it) {
     const char *given = getenv("MN_SEED");
     const unsigned seed = given != NULL ? (unsigned)strtoul(given, NULL, 10) : (unsigned)time(NULL);
@@ -121,6 +147,7 @@ int main(void) {
     tcase_add_test(tc, pans_with_the_pointer);
     tcase_add_test(tc, zooms_between_its_limits);
     tcase_add_test(tc, aims_at_the_nearest_triangle);
+    tcase_add_test(tc, the_unit_of_length_does_not_show);
     tcase_add_test(tc, nothing_breaks_it);
     tcase_add_test(tc, a_point_has_a_camera_too);
     suite_add_tcase(suite, tc);
