@@ -8,8 +8,12 @@
  *                      that was too low and the lowest that is enough, in strides that double and,
  *                      between both, halve. No level is tried twice, so it ends, and with all
  *                      in memory at the same rung from whichever side: the lowest that fits
- *   the camera moves   up as long as something is refused, in strides that double; down, after a
- *                      pause, as far as the room that is left allows
+ *   the camera moves   up as long as something is refused, in strides that double from frame to
+ *                      frame; down, after a pause, as far as the room that is left allows
+ *
+ * Where those that are refused are many, they go before: the level rises at once to where the many
+ * with the largest errors are all that is wanted. What stands may be small, because it was there
+ * when nothing else had come from the disk, and hundreds of levels away from what is refused.
  *
  * Wanted nodes are split by falling error. So when one is refused, all that is wanted at its own
  * error stands: a level that is enough is known without a trial. (It may be too high by far, where
@@ -70,9 +74,9 @@ static int most(int a, int b) {
 
 /* The first level at which what was refused is not wanted. If it is as near as anything is taken to
  * be, its distance gives way as well as the tolerance. */
-static int level_of(const mni_level_signs *s, double tolerance_px) {
-    const double share = s->refused_px / tolerance_px, near = log2(share * s->refused_away);
-    const double to_box = fmax(near / (1 + REACH_TO_BOX), near - log2(s->box_away));
+static int level_of(mni_level_refused r, double box_away, double tolerance_px) {
+    const double share = r.px / tolerance_px, near = log2(share * r.away);
+    const double to_box = fmax(near / (1 + REACH_TO_BOX), near - log2(box_away));
     const double anywhere =
         fmin(near, (near + REACH_ANYWHERE * unseen(tolerance_px)) / (1 + REACH_ANYWHERE));
     const double giving = fmin(to_box, anywhere);
@@ -86,7 +90,8 @@ static int stride(const mni_level *l, int way) {
 }
 
 static void rise(mni_level *l, double tolerance_px, const mni_level_signs *s) {
-    int at_error = s->refused_px > 0 ? level_of(s, tolerance_px) : UNKNOWN;
+    const int at_error = level_of(s->refused, s->box_away, tolerance_px);
+    const int at_crowd = level_of(s->crowd, s->box_away, tolerance_px);
     if (!s->stale)
         l->too_low = most(l->too_low, l->level);
     if (l->enough <= l->level)
@@ -101,6 +106,8 @@ static void rise(mni_level *l, double tolerance_px, const mni_level_signs *s) {
     }
     l->stride = least(stride(l, 1), MNI_LEVEL_STRIDE);
     int next = least(l->level + l->stride, MNI_LEVEL_MAX);
+    if (at_crowd < UNKNOWN)
+        next = most(next, at_crowd);
     if (!s->moved && l->enough < UNKNOWN)
         next = least(next, (l->level + l->enough + 1) / 2);
     l->level = next;
@@ -118,6 +125,8 @@ static int reach(const mni_level_signs *s) {
 static void fall(mni_level *l, const mni_level_signs *s) {
     if (!s->busy)
         l->enough = least(l->enough, l->level);
+    if (s->moved && l->stride > 0)
+        l->stride = 0;
     if (l->level - 1 <= l->too_low) {
         l->stride = 0;
         return;

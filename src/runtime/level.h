@@ -20,18 +20,23 @@ typedef struct mni_level {
     bool settled; /* it would not change if the camera stood */
 } mni_level;
 
+/* A node that is wanted and found no room. */
+typedef struct mni_level_refused {
+    double px;   /* its error; 0: there is none */
+    double away; /* how far it was taken to be, in least distances: mni_level_reach, or more */
+} mni_level_refused;
+
 /* What a frame showed. */
 typedef struct mni_level_signs {
-    bool moved;          /* the camera, the tolerance or the room is not the last frame's */
-    bool full;           /* something wanted found no room */
-    bool stale;          /* something that is not wanted may have taken it */
-    bool busy;           /* not all that is wanted is there yet: it is unknown whether it fits */
-    bool from_scratch;   /* most of the front was made in this frame */
-    double refused_px;   /* the largest error that found no room: 0 where all did */
-    double refused_away; /* how far that was taken to be, in least distances: mni_level_reach, or
-                            more */
-    double box_away;     /* as mni_level_reach has it */
-    double fill;         /* share of the room that is taken, of the scarcest; 0: nobody knows */
+    bool moved;        /* the camera, the tolerance or the room is not the last frame's */
+    bool full;         /* something wanted found no room */
+    bool stale;        /* something that is not wanted may have taken it */
+    bool busy;         /* not all that is wanted is there yet: it is unknown whether it fits */
+    bool from_scratch; /* most of the front was made in this frame */
+    mni_level_refused refused; /* with the largest error */
+    mni_level_refused crowd;   /* with such an error that those with larger ones are too many */
+    double box_away;           /* as mni_level_reach has it */
+    double fill; /* share of the room that is taken, of the scarcest; 0: nobody knows */
 } mni_level_signs;
 
 void mni_level_open(mni_level *level);

@@ -30,6 +30,7 @@
 #include "verdict.h"
 
 enum { FETCHED = 12, PASSED = 64 }; /* nodes to split, in so many */
+enum { REFUSED_CROWD_SHARE = 4 };   /* of the front's nodes: refused ones, if they are many */
 
 /* × the largest coordinate: margins of a hundredth of that are 9 bits yet */
 #define CLOCK_MAX 1000
@@ -168,15 +169,23 @@ static void split_agenda(mni_navigator *nav) {
     mni_agenda_begin(&nav->agenda);
 }
 
-/* Errors fall: the first that finds no room is the largest. */
+/* Errors fall: the first that finds no room is the largest, and who comes after many is no larger
+ * than any of them. */
+static void no_room(mni_navigator *nav, mni_agenda_item item) {
+    mni_work *work = &nav->work;
+    const uint64_t before = work->refused_pool + work->refused_front;
+    const bool crowd = before >= nav->front.active / REFUSED_CROWD_SHARE;
+    mni_level_refused *refused = crowd ? &work->crowd : &work->refused;
+    if (refused->px > 0)
+        return;
+    const mni_bounds node = mni_front_bounds(&nav->front, item.what);
+    refused->px = key_px(nav, item.key);
+    refused->away = mni_lens_nearest(&nav->lens, &node) / mni_lens_distance_min(nav->size);
+}
+
 static void refuse(mni_navigator *nav, mni_agenda_item item, mni_outcome outcome) {
-    bool no_room = outcome == MNI_REFUSED_POOL || outcome == MNI_REFUSED_FRONT;
-    if (no_room && nav->work.refused_px == 0) {
-        const mni_bounds node = mni_front_bounds(&nav->front, item.what);
-        nav->work.refused_px = key_px(nav, item.key);
-        nav->work.refused_away =
-            mni_lens_nearest(&nav->lens, &node) / mni_lens_distance_min(nav->size);
-    }
+    if (outcome == MNI_REFUSED_POOL || outcome == MNI_REFUSED_FRONT)
+        no_room(nav, item);
     switch (outcome) {
     case MNI_MISS:
     case MNI_BAD:
@@ -521,12 +530,12 @@ void mni_navigator_give_way(mni_navigator *nav, bool reading) {
     bool over = nav->triangles_max > 0 && nav->front.triangles > nav->triangles_max;
     bool busy = reading || mni_navigator_ops(nav) > 0 || work->refused_budget > 0;
     mni_level_signs signs = {.moved = nav->moved,
-                             .full = over || work->refused_px > 0,
+                             .full = over || work->refused.px > 0,
                              .stale = busy && work->refused_collapse,
                              .busy = busy,
                              .from_scratch = work->splits > nav->front.active / 2,
-                             .refused_px = work->refused_px,
-                             .refused_away = work->refused_away,
+                             .refused = work->refused,
+                             .crowd = work->crowd,
                              .box_away = nav->box_away,
                              .fill = mni_navigator_fill(nav)};
     if (nav->degrades)
@@ -588,14 +597,14 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
             mni_store_look(nav->front.store, &nav->ahead.look);
     }
     /* with a budget, or where there was no room, it is the error that decides, to the last bit */
-    nav->by_place = nav->ops_max == 0 && nav->triangles_max == 0 && nav->work.refused_px == 0 &&
+    nav->by_place = nav->ops_max == 0 && nav->triangles_max == 0 && nav->work.refused.px == 0 &&
                     nav->front.active >= MNI_PLACES_MIN;
     nav->early = nav->looks_ahead && nav->ahead.look.moves && used_px > 0 && nav->ops_max == 0 &&
-                 nav->triangles_max == 0 && nav->work.refused_px == 0;
+                 nav->triangles_max == 0 && nav->work.refused.px == 0;
     if (nav->early)
         motion = fmax(motion, nav->ahead.soon_motion);
     clock_advance(nav, nav->early == early_before ? motion : (double)INFINITY);
-    nav->seeks = nav->looks_ahead && nav->ahead.look.moves && nav->work.refused_px > 0 &&
+    nav->seeks = nav->looks_ahead && nav->ahead.look.moves && nav->work.refused.px > 0 &&
                  nav->work.refused_pool > 0;
     nav->work = (mni_work){0};
     nav->frame++;

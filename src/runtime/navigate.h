@@ -38,8 +38,7 @@ typedef struct mni_work {
     uint64_t undone; /* splits of chains that could not be carried out, besides */
     uint64_t triangles_made, triangles_removed;
     uint64_t refused_front, refused_budget, refused_pool, waits_dependency;
-    double refused_px;     /* the largest error whose split found no room: front or pool; or 0 */
-    double refused_away;   /* how far that node was taken to be, in mni_lens_distance_min */
+    mni_level_refused refused, crowd; /* for want of room in front or pool: level.h */
     bool refused_collapse; /* what is not wanted stands, for want of a block or of budget */
 } mni_work;
 

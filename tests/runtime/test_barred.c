@@ -155,7 +155,7 @@ static uint32_t fly(flight *f, int frame) {
     ck_assert_uint_le(work->refused_pool, wanted);
     ck_assert_uint_le(wanted, work->refused_pool + work->misses);
     if (work->misses == 0)
-        ck_assert(work->refused_px >= most_px * 0.99);
+        ck_assert(work->refused.px >= most_px * 0.99);
     return f->nav.barred.count > MNI_BARRED_FIRST ? f->nav.barred.count - MNI_BARRED_FIRST : 0;
 }
 
