@@ -144,17 +144,18 @@ uint64_t mni_trace_chunk_checksum(const mni_trace_chunk *chunk, const void *even
     return XXH3_64bits_withSeed(events, chunk->count * sizeof(mni_trace_event), seed);
 }
 
-/* After a failure nothing more is written. */
+/* After a failure nothing more is written. A part may be empty. */
 static void write_all(mni_trace *t, struct iovec *part, int parts) {
     while (parts > 0 && atomic_load_explicit(&t->error, memory_order_relaxed) == 0) {
-        ssize_t done = writev(t->fd, part, parts);
+        const ssize_t done = writev(t->fd, part, parts);
+        size_t left = done > 0 ? (size_t)done : 0;
         if (done < 0 && errno != EINTR)
             atomic_store_explicit(&t->error, errno, memory_order_release);
-        for (; done > 0 && parts > 0 && (size_t)done >= part->iov_len; part++, parts--)
-            done -= (ssize_t)part->iov_len;
-        if (done > 0) {
-            part->iov_base = (unsigned char *)part->iov_base + done;
-            part->iov_len -= (size_t)done;
+        for (; parts > 0 && left >= part->iov_len; part++, parts--)
+            left -= part->iov_len;
+        if (left > 0) {
+            part->iov_base = (unsigned char *)part->iov_base + left;
+            part->iov_len -= left;
         }
     }
 }

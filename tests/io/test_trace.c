@@ -174,6 +174,20 @@ START_TEST(nothing_is_lost_in_silence) {
 }
 END_TEST
 
+/* A writer that comes between the last event that found no room and the next that does finds
+ * something to tell and nothing to write. (It wrote nothing for ever.) */
+START_TEST(what_was_dropped_is_told_alone) {
+    mni_trace *t = begin(MN_TRACE_MONOTONIC);
+    mni_trace_ring *ring = mni_trace_ring_of(t, MN_TRACE_IO);
+    atomic_store(&ring->dropped, 3);
+    ck_assert_int_eq(mni_trace_close(t, NULL), MN_OK);
+    mn_trace_file *file = reopen(false);
+    ck_assert_uint_eq(mn_trace_events(file, MN_TRACE_IO), 0);
+    ck_assert_uint_eq(mn_trace_dropped(file, MN_TRACE_IO), 3);
+    mn_trace_close(file);
+}
+END_TEST
+
 /* A full disk: whoever has the rings goes on, and the end says why. */
 START_TEST(a_full_disk_is_told_at_the_end) {
     mni_trace *t;
@@ -378,6 +392,7 @@ int main(void) {
     tcase_add_test(tc, the_same_bytes_twice);
     tcase_add_test(tc, virtual_time_drops_nothing);
     tcase_add_test(tc, nothing_is_lost_in_silence);
+    tcase_add_test(tc, what_was_dropped_is_told_alone);
     tcase_add_loop_test(tc, a_full_disk_is_told_at_the_end, 0, 2);
     tcase_add_test(tc, early_is_marked);
     tcase_add_test(tc, every_length);
