@@ -5,7 +5,7 @@
  *
  *   what is there   by falling error. Whose block is absent is put off, and the block is sought: it
  *                   is fetched into the places that are left for what is to come. So is that of
- *                   whoever is refused for want of room, and would be the next
+ *                   whoever is refused for want of one place, and would be the next
  *   what is absent  as soon as the part above is through, or as many blocks are sought as there are
  *                   places for: by falling error again, all that have been put off and what has not
  *                   had its turn. Who finds room now is granted it, and is a miss until his block
@@ -103,7 +103,10 @@ bool mni_refusals_bar(mni_navigator *nav, uint32_t top, uint32_t pushed) {
     return false;
 }
 
+/* The next to have room is who needs one place more than there is. */
 void mni_refusals_seek(mni_navigator *nav, const mni_refusal *refusal) {
+    if ((int64_t)refusal->need - 1 > mni_store_room(nav->front.store))
+        return;
     nav->seeks = nav->seeks && mni_store_seek(nav->front.store, refusal);
 }
 

@@ -30,7 +30,7 @@ void mni_refusals_put_on_the_way(mni_navigator *nav, uint32_t at);
 /* Would a chain be refused at one of the `pushed` blockers above the top of the stack, as one was
  * before? Then the store is told so. */
 bool mni_refusals_bar(mni_navigator *nav, uint32_t top, uint32_t pushed);
-/* What a chain was refused for is sought, where places are scarce. */
+/* What a chain was refused for is sought, where places are scarce, if one place more would do. */
 void mni_refusals_seek(mni_navigator *nav, const mni_refusal *refusal);
 /* An item of the agenda that has been popped: does it have to wait? Then it is on the agenda again.
  */

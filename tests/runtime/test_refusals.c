@@ -510,6 +510,32 @@ START_TEST(sought_as_there_are_places) {
 }
 END_TEST
 
+/* The next to have room is who needs one place more than there is. Who needs several waits longer,
+ * and is not sought in his stead. */
+START_TEST(who_needs_several_is_not_sought) {
+    flight f;
+    absent_child child[PLACES + 2];
+    mni_navigator *nav = at_rest(&f);
+    find_absent(&f, child, PLACES + 2);
+    nav->seeks = true;
+    mni_refusals_begin(nav);
+    for (int i = 0; i < PLACES + 2; i++) /* which makes them known, and seeks the first */
+        ck_assert_int_eq(ask(&f, &child[i]), MNI_ABSENT);
+    mni_refusals_end(nav);
+    frames_pass(&f, 1);
+    const int32_t next = (int32_t)mni_store_room(f.store) + 1;
+    ck_assert_int_gt(next, 0);
+    mni_refusals_seek(nav, &(mni_refusal){child[PLACES].ref.id, next + 1});
+    mni_refusals_seek(nav, &(mni_refusal){child[PLACES].ref.id, INT32_MAX});
+    mni_refusals_seek(nav, &(mni_refusal){child[PLACES + 1].ref.id, next});
+    ck_assert(nav->seeks);
+    frames_pass(&f, 20);
+    ck_assert(!has(&f, child[PLACES].ref.id));
+    ck_assert(has(&f, child[PLACES + 1].ref.id));
+    close_it(&f);
+}
+END_TEST
+
 /* ---- a flight in a full pool ----------------------------------------------------------------- */
 
 /* With the camera going round there are always others that are wanted, and next to nothing is
@@ -566,6 +592,7 @@ int main(void) {
     tcase_add_test(tc, a_pass_begins_and_ends);
     tcase_add_test(tc, no_grant_for_what_is_absent);
     tcase_add_test(tc, sought_as_there_are_places);
+    tcase_add_test(tc, who_needs_several_is_not_sought);
     tcase_add_test(tc, flight_in_a_full_pool);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
