@@ -110,7 +110,8 @@ static void corner_normals(const float *const p[3], uint32_t out[3][3]) {
     }
     for (int k = 0; k < 3; k++)
         length[k] = sqrt(dot(e[k], e[k]));
-    const double longest = fmax(length[0], fmax(length[1], length[2]));
+    double longest = length[0] > length[1] ? length[0] : length[1];
+    longest = longest > length[2] ? longest : length[2];
     const double shape = twice_area / (longest * longest),
                  full = shape < full_shape ? shape / full_shape : 1;
     const double unit = units_per_radian * full / twice_area;
@@ -205,6 +206,8 @@ static void let_go(mni_surface *s, const mn_front *front, uint32_t simplex, cons
 static void come(mni_surface *s, uint32_t simplex, const uint32_t v[3]) {
     const float *const p[3] = {s->vertex[v[0]], s->vertex[v[1]], s->vertex[v[2]]};
     uint32_t normal[3][3];
+    for (int k = 0; k < 3; k++)
+        __builtin_prefetch(s->sum[v[k]], 1);
     memcpy(s->index[simplex], v, sizeof s->index[simplex]);
     if (!is_triangle(v))
         return;
@@ -214,24 +217,42 @@ static void come(mni_surface *s, uint32_t simplex, const uint32_t v[3]) {
     s->triangles++;
 }
 
+static bool triangle_differs(const mni_surface *s, uint32_t simplex, const uint32_t v[3]) {
+    return memcmp(v, s->index[simplex], 3 * sizeof *v) != 0 ||
+           (is_triangle(v) && (bit_get(s->vertex_new, v[0]) || bit_get(s->vertex_new, v[1]) ||
+                               bit_get(s->vertex_new, v[2])));
+}
+
+/* A page of triangles. Those that differ lie with corners all over the mirror: these are fetched
+ * while the rest of the page is looked at. */
+static void find_in_page(mni_surface *s, const mn_front *front, uint32_t at, uint32_t end) {
+    uint32_t found[MN_FRONT_PAGE], v[MN_FRONT_PAGE][3], count = 0;
+    for (; at < end; at++) {
+        wanted(front, at, v[count]);
+        if (!triangle_differs(s, at, v[count]))
+            continue;
+        bit_set(s->index_new, at);
+        if (!is_triangle(s->index[at]))
+            continue;
+        for (int k = 0; k < 3; k++) {
+            __builtin_prefetch(s->vertex[s->index[at][k]]);
+            __builtin_prefetch(s->sum[s->index[at][k]], 1);
+            __builtin_prefetch(front->position + 3 * (size_t)v[count][k]);
+        }
+        found[count++] = at;
+    }
+    for (uint32_t i = 0; i < count; i++)
+        let_go(s, front, found[i], v[i]);
+}
+
 /* Lets go while the mirror still has the old corners. What is then not as it is wanted has to come,
  * when it has the new ones. */
 static void find_triangles(mni_surface *s, const mn_front *front) {
-    for (uint32_t i = 0; i < s->simplex_high; i++) {
-        if (i % MN_FRONT_PAGE == 0 && i + MN_FRONT_PAGE <= front->simplex_slots &&
-            !must_look(s, front, front->simplex_stamp, i / MN_FRONT_PAGE)) {
-            i += MN_FRONT_PAGE - 1;
-            continue;
-        }
-        uint32_t v[3];
-        wanted(front, i, v);
-        if (memcmp(v, s->index[i], sizeof v) == 0 &&
-            (!is_triangle(v) || !(bit_get(s->vertex_new, v[0]) || bit_get(s->vertex_new, v[1]) ||
-                                  bit_get(s->vertex_new, v[2]))))
-            continue;
-        bit_set(s->index_new, i);
-        if (is_triangle(s->index[i]))
-            let_go(s, front, i, v);
+    for (uint32_t at = 0, end; at < s->simplex_high; at = end) {
+        end = at + MN_FRONT_PAGE < s->simplex_high ? at + MN_FRONT_PAGE : s->simplex_high;
+        if (end > front->simplex_slots ||
+            must_look(s, front, front->simplex_stamp, at / MN_FRONT_PAGE))
+            find_in_page(s, front, at, end);
     }
 }
 
