@@ -46,9 +46,10 @@ const char mni_shader_surface_vertex[] =
  * the eye (32 to 44 degrees; on a right-angled edge it is 45), the corner takes the latter: sharp
  * edges stay sharp and the faces beside them plain. But a triangle only a few pixels high (2 to 8)
  * may be a sliver that stands askew, as scans and coarse fronts have them: lit as its neighbours
- * are, or pictures would have specks and seem to have cracks. Two-sided: open meshes show their
- * backs, where smooth normals must be turned; a triangle folded over, or wound wrongly, shows its
- * back among neighbours that do not, and is left alone. */
+ * are, or pictures would have specks and seem to have cracks. One that stands as the surface does
+ * at one of its corners (4 to 8 degrees) is not askew, however low: it lies in a face. Two-sided:
+ * open meshes show their backs, where smooth normals must be turned; a triangle folded over, or
+ * wound wrongly, shows its back among neighbours that do not, and is left alone. */
 const char mni_shader_surface_geometry[] =
     "#version 330 core\n"
     "layout(triangles) in;\n"
@@ -74,6 +75,9 @@ const char mni_shader_surface_geometry[] =
     "    float longest = sqrt(max(dot(a, a), max(dot(b, b), dot(c, c))));\n"
     "    float height_px = px_scale * twice_area / max(longest * length(middle), 1e-37);\n"
     "    float trust = flat_shading ? 1.0 : smoothstep(2.0, 8.0, height_px);\n"
+    "    vec3 along = vec3(dot(n, v_normal[0]), dot(n, v_normal[1]), dot(n, v_normal[2]));\n"
+    "    along *= back ? -1.0 : 1.0;\n"
+    "    trust = max(trust, smoothstep(0.99, 0.998, max(along.x, max(along.y, along.z))));\n"
     "    vec3 normal[3];\n"
     "    for (int i = 0; i < 3; i++) {\n"
     "        vec3 s = back ? -v_normal[i] : v_normal[i];\n"
