@@ -341,6 +341,32 @@ START_TEST(says_what_is_wrong) {
 }
 END_TEST
 
+/* A figure of a JSON object printed; NAN: null. */
+static double figure(const char *key) {
+    double value = NAN;
+    char text[64];
+    snprintf(text, sizeof text, "\"%s\": ", key);
+    const char *at = strstr(output(), text);
+    ck_assert_msg(at != NULL, "no %s: %s", key, output());
+    return sscanf(at + strlen(text), "%lf", &value) == 1 ? value : NAN;
+}
+
+/* Only with --pictures is anything drawn; what is sent is the same. */
+START_TEST(bench_draws_when_asked) {
+    if (no_egl)
+        return;
+    run("bench draw ../globe.mnt --frames 3 --size 64x48 --json");
+    const double sent = figure("sent_bytes_mean");
+    ck_assert_double_gt(sent, 0);
+    ck_assert(isnan(figure("picture_ms_mean")) && isnan(figure("again_ms_mean")));
+    run("bench draw ../globe.mnt --frames 3 --size 64x48 --json --pictures");
+    ck_assert_double_eq(figure("sent_bytes_mean"), sent);
+    ck_assert_double_gt(figure("picture_ms_mean"), 0);
+    ck_assert_double_gt(figure("again_ms_mean"), 0);
+    ck_assert_ptr_nonnull(strstr(output(), "\"gl_driver\": \""));
+}
+END_TEST
+
 /* Unchecked fixtures: once, in the parent of all tests. */
 static void set_up(void) {
     const mn_block_desc blocks = {.blocking = MN_BLOCKING_LEVELS, .l = 5};
@@ -370,6 +396,7 @@ int main(void) {
     tcase_add_test(tc, replays_with_pictures);
     tcase_add_test(tc, beside_the_reference);
     tcase_add_test(tc, reference_goes);
+    tcase_add_test(tc, bench_draws_when_asked);
     tcase_add_test(tc, says_what_is_wrong);
     suite_add_tcase(suite, tc);
     const int failed = suite_run(suite);
