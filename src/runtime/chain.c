@@ -42,26 +42,22 @@ static void chain_undo(mni_navigator *nav, uint32_t count) {
     mni_chain_check_small(nav);
 }
 
-/* Puts what must split before slot on the stack: the known witness alone, or all, half the room at
- * most, so that depth always has the other half. Returns how many. */
+/* Puts what must split before slot on the stack, half the room at most, and then one: so depth
+ * always has the other half. Returns how many. */
 static uint32_t push_blockers(mni_navigator *nav, uint32_t slot, uint32_t top) {
-    uint32_t witness = mni_front_split_blocker(&nav->front, slot);
-    if (witness == MN_NONE || top == MNI_STACK_MAX)
+    const uint32_t room = top < MNI_STACK_MAX / 2 ? MNI_STACK_MAX / 2 - top : 1;
+    if (top == MNI_STACK_MAX)
         return 0;
-    nav->stack[top] = mni_front_ref_of(&nav->front, witness);
-    uint32_t room = top < MNI_STACK_MAX / 2 ? MNI_STACK_MAX / 2 - top : 1;
-    return room > 1 ? mni_front_split_blockers(&nav->front, slot, nav->stack + top, room) : 1;
+    return mni_front_split_blockers(&nav->front, slot, nav->stack + top, room);
 }
 
 /* Who was pushed stands there for the top, and what his split will touch is asked for: they are
- * tested and split one after the other. What stands around a node at a closed fan is there
- * twice. */
+ * tested and split one after the other. */
 static void await_pushed(mni_navigator *nav, uint32_t top, uint32_t pushed) {
     const mni_front *front = &nav->front;
-    for (uint32_t i = 0; i < pushed; i++)
-        nav->pusher[top + i] = (uint16_t)(top - 1);
-    for (uint32_t i = pushed / 2; i < pushed; i++) {
+    for (uint32_t i = 0; i < pushed; i++) {
         const uint32_t slot = nav->stack[top + i].slot;
+        nav->pusher[top + i] = (uint16_t)(top - 1);
         mni_front_fetch_simplices(front, slot, true);
         __builtin_prefetch(&front->branch[front->node[slot].parent]);
         __builtin_prefetch(&front->face[slot]);

@@ -75,10 +75,11 @@ static void judge_fresh(mni_navigator *nav) {
 
 /* A node, if it is a fork now. */
 static void consider_fork(mni_navigator *nav, uint32_t fork) {
-    if (fork == MNI_FRONT_NO_PARENT || !mni_front_is_fork(&nav->front, fork))
+    if (fork == MNI_FRONT_NO_PARENT)
         return;
     __builtin_prefetch(&nav->front.position[3 * (size_t)nav->front.branch[fork].slot]);
-    nav->fresh[nav->fresh_count++] = fork;
+    nav->fresh[nav->fresh_count] = fork;
+    nav->fresh_count += mni_front_is_fork(&nav->front, fork); /* nobody can guess */
     if (nav->fresh_count == MNI_SIEVE_BATCH)
         judge_fresh(nav);
 }

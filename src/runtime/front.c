@@ -60,8 +60,8 @@ size_t mni_front_need_bytes(const mn_header *header, uint32_t nodes_max, uint32_
     return lay_out(&shape, NULL, header->has_colors);
 }
 
-static void fork_set(mni_front *f, uint32_t branch) {
-    f->forks[branch / 64] |= UINT64_C(1) << (branch % 64);
+static void fork_set_if(mni_front *f, uint32_t branch, bool is) {
+    f->forks[branch / 64] |= (uint64_t)is << (branch % 64);
 }
 
 static void fork_clear(mni_front *f, uint32_t branch) {
@@ -340,7 +340,7 @@ static bool simplex_prepare(mni_front *f, split_plan *plan, const uint32_t corne
         if (f->node[at].order >= p->order || f->node[at].above <= p->order)
             return false;
     }
-    uint32_t kin = plan->chain != 0 ? plan->chain : p->corner[0];
+    uint32_t kin = plan->chain | (p->corner[0] & (0 - (uint32_t)(plan->chain == 0)));
     if (kin == 0 && at != MN_NONE) /* a pole */
         kin = f->node[at].corner[0];
     uint32_t s = simplex_new(f, kin / 4), *node = &f->simplex_node[3 * (size_t)s];
@@ -466,7 +466,7 @@ static uint32_t branch_make(mni_front *f, uint32_t slot, uint32_t right, mni_ent
                                       .leaf_lo = p->leaf_lo,
                                       .exit = (p->flags & MNI_NODE_EXIT) != 0};
     *reference(f, p->parent, slot, slot) = b | MNI_FRONT_BRANCH;
-    fork_set(f, b);
+    fork_set_if(f, b, true);
     if (p->parent != MNI_FRONT_NO_PARENT)
         fork_clear(f, p->parent);
     return b;
@@ -487,10 +487,8 @@ static void corners_part(mni_front *f, uint32_t slot, uint32_t right, uint32_t m
     mni_loose list = mni_corners_take(f, slot);
     do {
         for (const uint32_t *c = list.corner; c < list.corner + MNI_FRONT_CORNERS && *c != 0; c++) {
-            if (f->simplex_leaf[mni_corner_at(*c)] < mid)
-                mni_corners_push(f, slot, *c);
-            else
-                mni_corners_give(f, right, *c);
+            const uint32_t to[] = {slot, right}; /* nobody can guess which */
+            mni_corners_give(f, to[f->simplex_leaf[mni_corner_at(*c)] >= mid], *c);
         }
     } while (mni_corners_next(f, &list));
 }
@@ -648,8 +646,8 @@ static void join(mni_front *f, uint32_t branch) {
     f->node_stamp[slot / MN_FRONT_PAGE] = (uint32_t)f->version;
     *reference(f, b->parent, slot, branch | MNI_FRONT_BRANCH) = slot;
     fork_clear(f, branch);
-    if (b->parent != MNI_FRONT_NO_PARENT && children_are_active(&f->branch[b->parent]))
-        fork_set(f, b->parent);
+    if (b->parent != MNI_FRONT_NO_PARENT)
+        fork_set_if(f, b->parent, children_are_active(&f->branch[b->parent]));
     f->branch[branch].slot = MN_NONE;
     slot_free(f, right);
     if (f->poles != MN_NONE)

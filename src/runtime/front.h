@@ -252,8 +252,9 @@ static inline mni_bounds mni_front_branch_bounds(const mni_front *front, uint32_
 
 /* A neighbour that must split before slot may (its order id is larger), or MN_NONE. */
 uint32_t mni_front_split_blocker(mni_front *front, uint32_t slot);
-/* All of them, as far as room goes, repeated where they share several simplices. Returns how many.
- */
+/* All of them, as far as room goes (at least 1), but at an open edge, where one may be told of when
+ * the others have gone; in a list that is long repeated where they share several simplices. Returns
+ * how many: 0 only where nobody blocks. */
 uint32_t mni_front_split_blockers(mni_front *front, uint32_t slot, mni_front_ref *out,
                                   uint32_t room);
 /* A neighbour whose parent's order id is below that of the fork, or MN_NONE. */

@@ -61,8 +61,10 @@ static uint32_t look(mni_front *f, uint32_t slot) {
 uint32_t mni_front_split_blockers(mni_front *f, uint32_t slot, mni_front_ref *out, uint32_t room) {
     if (is_long(f, slot))
         return split_blockers_far(f, slot, out, room);
-    uint32_t count = 0;
-    for (uint32_t mask = look(f, slot); mask != 0 && count < room; mask &= mask - 1)
+    uint32_t count = 0, mask = look(f, slot);
+    const uint32_t before = mask & ~((1u << MNI_FRONT_CORNERS) - 1);
+    mask = before != 0 ? before : mask; /* of a closed fan either half has all */
+    for (; mask != 0 && count < room; mask &= mask - 1)
         out[count++] = mni_front_ref_of(f, f->ring.slot[__builtin_ctz(mask)]);
     return count;
 }

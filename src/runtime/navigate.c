@@ -61,13 +61,13 @@ static double key_px(const mni_navigator *nav, uint32_t key) {
 }
 
 static bool wanted(const mni_navigator *nav, uint32_t slot, mni_agenda_item *item) {
-    if (mni_front_is_leaf(&nav->front, slot))
-        return false;
     mni_bounds bounds = mni_front_bounds(&nav->front, slot);
     double priority_px;
     const mni_lens *lens = nav->early_splits ? &nav->ahead.soon.lens : &nav->lens;
     const mni_sieve *sieve = nav->early_splits ? &nav->ahead.soon.sieve : &nav->sieve;
-    if (!mni_sieve_wants(sieve, lens, &bounds, &priority_px))
+    /* leaves, which are nearly never wanted anyway, last: who is one nobody can guess */
+    if (!mni_sieve_wants(sieve, lens, &bounds, &priority_px) ||
+        mni_front_is_leaf(&nav->front, slot))
         return false;
     *item = (mni_agenda_item){nav->front.node[slot].order, split_key(nav, priority_px, slot), slot};
     return true;

@@ -108,6 +108,8 @@ static void join(mni_front *f, uint32_t left, uint32_t right, mni_joined *j) {
 #if defined(__x86_64__)
 #include <immintrin.h>
 #define FAST __attribute__((target("avx2,bmi2")))
+enum { PAGE_SHIFT = 8 }; /* see mni_simplex_page */
+_Static_assert(4 * MN_FRONT_PAGE == 1 << PAGE_SHIFT, "corners of a page");
 
 typedef struct vectors {
     __m256i after, before; /* of a ring */
@@ -232,20 +234,40 @@ FAST static uint32_t find_fast(const mni_front *f, const mni_ring *ring, uint32_
     return found == 0 ? MN_NONE : ring->slot[__builtin_ctz(found)];
 }
 
+/* The first `count` lanes are corners that a slot gets, the others 0. As many are written as there
+ * are lanes: how many it gets nobody can guess. The others' place is the first one's or, where
+ * there is none, that of simplex 0, which stays as it is. */
+FAST static inline void give_fast(mni_front *f, __m256i gives, uint32_t count, uint32_t slot) {
+    const __m256i one = _mm256_set1_epi32(1), four = _mm256_set1_epi32(4);
+    const __m256i first = _mm256_broadcastd_epi32(_mm256_castsi256_si128(gives));
+    const __m256i corner = _mm256_blendv_epi8(gives, first, _mm256_cmpgt_epi32(one, gives));
+    const __m256i simplex = _mm256_max_epu32(corner, four);
+    const __m256i page = _mm256_srli_epi32(_mm256_sub_epi32(simplex, four), PAGE_SHIFT);
+    const uint32_t who = count > 0 ? slot : MN_NONE;
+    uint32_t at[HALF], pages[HALF];
+    _mm256_storeu_si256((__m256i *)(void *)at, at_fast(corner));
+    _mm256_storeu_si256((__m256i *)(void *)pages, page);
+#pragma GCC unroll 8
+    for (int i = 0; i < HALF; i++) {
+        f->simplex_node[at[i]] = who;
+        f->simplex_stamp[pages[i]] = (uint32_t)f->version;
+    }
+}
+
 FAST static void part_fast(mni_front *f, uint32_t slot, uint32_t right, uint32_t mid) {
     const int *leaf = (const int *)f->simplex_leaf;
     __m256i corner = corners_fast(f, slot);
     __m256i leaves = _mm256_i32gather_epi32(leaf, at_fast(corner), 4);
     uint32_t keeps = bits_of(_mm256_cmpgt_epi32(_mm256_set1_epi32((int)mid), leaves));
     uint32_t there = 0xff ^ equal_fast(corner, _mm256_setzero_si256()), gives = there & ~keeps;
-    uint32_t *given = f->node[right].corner, count = (uint32_t)__builtin_popcount(gives);
+    const uint32_t count = (uint32_t)__builtin_popcount(gives);
+    const __m256i given = pack_fast(corner, gives);
     keeps &= there;
     _mm256_storeu_si256((__m256i *)(void *)f->node[slot].corner, pack_fast(corner, keeps));
-    _mm256_storeu_si256((__m256i *)(void *)given, pack_fast(corner, gives));
+    _mm256_storeu_si256((__m256i *)(void *)f->node[right].corner, given);
     f->node[slot].more = MNI_FRONT_SHORT + (uint32_t)__builtin_popcount(keeps);
     f->node[right].more = MNI_FRONT_SHORT + count;
-    for (uint32_t i = 0; i < count; i++)
-        give(f, given[i], right);
+    give_fast(f, given, count, right);
 }
 
 /* The first `count` lanes of a, then b's; those that this pushes out go to *over. */
@@ -279,7 +301,7 @@ FAST static void join_fast(mni_front *f, uint32_t left, uint32_t right, mni_join
     _mm256_storeu_si256((__m256i *)(void *)j->third, pack_fast(thirds, dies));
     j->died = (uint32_t)__builtin_popcount(dies);
 
-    uint32_t third[HALF], given[HALF];
+    uint32_t third[HALF];
     const __m256i slots = _mm256_blendv_epi8(r.after, r.before, after);
     _mm256_storeu_si256((__m256i *)(void *)third, pack_fast(slots, dies));
     j->lost = 0;
@@ -291,14 +313,12 @@ FAST static void join_fast(mni_front *f, uint32_t left, uint32_t right, mni_join
     const uint32_t more = (uint32_t)__builtin_popcount(lives), both = count + more;
     const __m256i gives = pack_fast(corner, lives);
     __m256i beyond;
-    _mm256_storeu_si256((__m256i *)(void *)given, gives);
     _mm256_storeu_si256((__m256i *)(void *)f->node[left].corner,
                         chain_fast(pack_fast(of_left, stay), count, gives, &beyond));
     _mm256_storeu_si256((__m256i *)(void *)j->over, beyond);
     j->over_count = both < HALF ? 0 : both - HALF;
     f->node[left].more = MNI_FRONT_SHORT + both - j->over_count;
-    for (uint32_t i = 0; i < more; i++)
-        give(f, given[i], left);
+    give_fast(f, gives, more, left);
 }
 
 FAST static uint32_t place_fast(const mni_front *f, uint32_t slot, uint32_t corner) {

@@ -21,6 +21,8 @@
  */
 #include "scarce.h"
 
+#include <string.h>
+
 #include "mn_assert.h"
 #include "refusals.h"
 
@@ -104,7 +106,7 @@ static void fetch_found(const mni_navigator *nav, uint32_t from, uint32_t to) {
 
 /* The stack is a queue here: who is looked at stays on it, so that pushers lead back. */
 bool mni_scarce_begin(mni_navigator *nav, uint32_t *all, uint32_t *who) {
-    uint64_t seen[SEEN_BITS / 64] = {0};
+    uint64_t seen[SEEN_BITS / 64];
     uint32_t top = 1;
     *all = 1;
     nav->needs_count = 0;
@@ -112,6 +114,7 @@ bool mni_scarce_begin(mni_navigator *nav, uint32_t *all, uint32_t *who) {
         return true;
     if (is_idle(nav, mni_store_room(nav->front.store)))
         return false;
+    memset(seen, 0, sizeof seen);
     for (uint32_t next = 0; next < top && top < LOOKED_AT_MAX; next++) {
         const uint32_t first = top;
         const uint32_t found = mni_front_split_blockers(&nav->front, nav->stack[next].slot,
