@@ -54,13 +54,9 @@ static uint32_t push_blockers(mni_navigator *nav, uint32_t slot, uint32_t top) {
 /* Who was pushed stands there for the top, and what his split will touch is asked for: they are
  * tested and split one after the other. */
 static void await_pushed(mni_navigator *nav, uint32_t top, uint32_t pushed) {
-    const mni_front *front = &nav->front;
     for (uint32_t i = 0; i < pushed; i++) {
-        const uint32_t slot = nav->stack[top + i].slot;
         nav->pusher[top + i] = (uint16_t)(top - 1);
-        mni_front_fetch_simplices(front, slot, true);
-        __builtin_prefetch(&front->branch[front->node[slot].parent]);
-        __builtin_prefetch(&front->face[slot]);
+        mni_front_fetch_split(&nav->front, nav->stack[top + i].slot);
     }
 }
 

@@ -271,6 +271,12 @@ static inline void mni_front_fetch_node(const mni_front *front, uint32_t slot) {
 }
 void mni_front_fetch_simplices(const mni_front *front, uint32_t slot, bool leaves);
 void mni_front_fetch_ring(const mni_front *front, uint32_t slot);
+/* Its simplices, and all else that stands in the front of who is split next. */
+static inline void mni_front_fetch_split(const mni_front *front, uint32_t slot) {
+    mni_front_fetch_simplices(front, slot, true);
+    __builtin_prefetch(&front->branch[front->node[slot].parent]);
+    __builtin_prefetch(&front->face[slot]);
+}
 /* And its place and row in a block that is at hand; its parent has been asked for before. */
 void mni_front_fetch_record(const mni_front *front, uint32_t slot);
 

@@ -93,15 +93,10 @@ static bool is_new(uint64_t seen[SEEN_BITS / 64], uint32_t order) {
 
 /* What looking at them and splitting them will touch is asked for. */
 static void fetch_found(const mni_navigator *nav, uint32_t from, uint32_t to) {
-    const mni_front *front = &nav->front;
-    for (uint32_t i = from; i < to; i++) {
-        const uint32_t slot = nav->stack[i].slot;
-        mni_front_fetch_simplices(front, slot, true);
-        __builtin_prefetch(&front->branch[front->node[slot].parent]);
-        __builtin_prefetch(&front->face[slot]);
-    }
     for (uint32_t i = from; i < to; i++)
-        mni_front_fetch_record(front, nav->stack[i].slot);
+        mni_front_fetch_split(&nav->front, nav->stack[i].slot);
+    for (uint32_t i = from; i < to; i++)
+        mni_front_fetch_record(&nav->front, nav->stack[i].slot);
 }
 
 /* The stack is a queue here: who is looked at stays on it, so that pushers lead back. */
