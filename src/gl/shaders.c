@@ -99,7 +99,9 @@ const char mni_shader_surface_geometry[] =
     "    EndPrimitive();\n"
     "}\n";
 
-/* Never black: a normal that looks away from the eye, as on outlines, is turned to the horizon. */
+/* Never black: a normal that looks away from the eye, as on outlines, is turned to the horizon. The
+ * cosine of two unit vectors is rounded to more than 1 now and then, and pow of less than 0 is what
+ * the driver likes: NaN, a black pixel, on some. */
 #define SURFACE_LIGHT                                                                              \
     "vec3 facing_normal(vec3 at, vec3 normal) {\n"                                                 \
     "    vec3 v = -normalize(at);\n"                                                               \
@@ -116,7 +118,7 @@ const char mni_shader_surface_geometry[] =
     "    vec3 sky = mix(vec3(0.07, 0.06, 0.055), vec3(0.17, 0.19, 0.22), n.y * 0.5 + 0.5);\n"      \
     "    vec3 light = sky + k * vec3(1.08, 1.04, 0.97) + f * vec3(0.13, 0.15, 0.19);\n"            \
     "    float shine = 0.07 * lobe(n, key, v, 40.0) + 0.015 * lobe(n, fill, v, 18.0);\n"           \
-    "    float rim = 0.05 * pow(1.0 - max(dot(n, v), 0.0), 4.0);\n"                                \
+    "    float rim = 0.05 * pow(1.0 - clamp(dot(n, v), 0.0, 1.0), 4.0);\n"                         \
     "    return albedo * light + vec3(shine + rim);\n"                                             \
     "}\n"
 

@@ -343,6 +343,40 @@ START_TEST(the_unit_of_length_does_not_show) {
 }
 END_TEST
 
+/* Where a face looks straight at the eye, the cosine between them is rounded to more than 1 here
+ * and there: through a lens of a degree, over hundreds of pixels. Sheets that stand at many angles,
+ * each seen straight: no pixel differs from its neighbours. */
+START_TEST(straight_faces_have_no_specks) {
+    static const float degree = 0.0174533f;
+    for (int i = 0; i < 24; i++) {
+        const float turn = (3 + 14.3f * (float)i) * degree, tilt = (2 + 3.1f * (float)i) * degree;
+        const float n[3] = {cosf(tilt) * sinf(turn), sinf(tilt), cosf(tilt) * cosf(turn)};
+        const float a[3] = {cosf(turn), 0, -sinf(turn)};
+        const float b[3] = {n[1] * a[2] - n[2] * a[1], n[2] * a[0] - n[0] * a[2],
+                            n[0] * a[1] - n[1] * a[0]};
+        fake f = fake_sheet(2, W, H);
+        for (uint32_t k = 0; k < f.front.node_slots; k++) {
+            float *p = f.position + 3 * k;
+            const float x = p[0], y = p[1];
+            for (int c = 0; c < 3; c++)
+                p[c] = x * a[c] + y * b[c];
+        }
+        open_for(&f);
+        mn_camera camera = from(40 * n[0], 40 * n[1], 40 * n[2]);
+        camera.fov_y_deg = 1;
+        for (int flat = 0; flat < 2; flat++) {
+            draw(&camera, &(mn_gl_look){.flat = flat == 1}, "straight");
+            const int middle = brightness(at(W / 2, H / 2));
+            for (int p = 0; p < W * H; p++)
+                ck_assert_msg(abs(brightness(rgba + 4 * p) - middle) <= 3, "sheet %d: %d, not %d",
+                              i, brightness(rgba + 4 * p), middle);
+        }
+        load.api->close(gl);
+        fake_free(&f);
+    }
+}
+END_TEST
+
 START_TEST(an_empty_front_is_sky) {
     fake f = fake_sheet(2, W, H);
     f.front.simplex_slots = 0;
@@ -439,6 +473,7 @@ int main(void) {
     tcase_add_test(tc, wires_show);
     tcase_add_test(tc, close_up_has_no_holes_and_no_fighting);
     tcase_add_test(tc, the_unit_of_length_does_not_show);
+    tcase_add_test(tc, straight_faces_have_no_specks);
     tcase_add_test(tc, an_empty_front_is_sky);
     tcase_add_test(tc, a_picture_too_large_is_refused);
     tcase_add_test(tc, no_display_is_said_at_once);
