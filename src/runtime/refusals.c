@@ -105,9 +105,8 @@ bool mni_refusals_bar(mni_navigator *nav, uint32_t top, uint32_t pushed) {
 
 /* The next to have room is who needs one place more than there is. */
 void mni_refusals_seek(mni_navigator *nav, const mni_refusal *refusal) {
-    if ((int64_t)refusal->need - 1 > mni_store_room(nav->front.store))
-        return;
-    nav->seeks = nav->seeks && mni_store_seek(nav->front.store, refusal);
+    if (nav->seeks && (int64_t)refusal->need - 1 <= mni_store_room(nav->front.store))
+        nav->seeks = mni_store_seek(nav->front.store, refusal);
 }
 
 bool mni_refusals_wait(mni_navigator *nav, mni_agenda_item item) {
