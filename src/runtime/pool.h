@@ -106,7 +106,8 @@ void mni_pool_left(mni_pool *pool);
 /* See mni_store_refuse. */
 void mni_pool_refuse(mni_pool *pool, const mni_refusal *known, uint32_t table_count,
                      uint32_t in_use);
-/* What the rules leave for blocks that are not in use; below 1: nothing. */
+/* What the rules leave for blocks that are not in use; below 1: nothing; INT32_MAX: a place for
+ * each. */
 int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use);
 /* See mni_store_has_place, of what is not in the ancestor table, and mni_store_no_room. */
 bool mni_pool_has_place(const mni_pool *pool, uint32_t block_id);

@@ -98,6 +98,8 @@ static int64_t overflow_lacks(const mni_pool *pool, const mni_wish *wish, uint32
  * Navigate's hand alone, so that it may read them without the lock. */
 int64_t mni_pool_room(const mni_pool *pool, uint32_t table_count, uint32_t in_use) {
     int64_t k = k_in_service(pool);
+    if (k >= pool->header->blocks)
+        return INT32_MAX;
     if (pool->header->blocking == MN_BLOCKING_PACKED)
         return k_to_use(pool) - table_count - (int64_t)pool->grants.idle_outside;
     return k - in_use - (int64_t)pool->grants.idle;

@@ -440,10 +440,17 @@ void mn_session_drain(mn_session *s) {
     drain(s);
 }
 
+/* The next frame's camera is another one: what has been found to fit or not is forgotten. */
+static void counts_as_move(mn_session *s) {
+    s->nav.camera = (mn_camera){0};
+}
+
 bool mn_session_shrink(mn_session *s) {
     mni_trace_ring *before = mni_trace_swap(ring_of(s, MN_TRACE_NAVIGATE));
     const bool done = mni_store_shrink(s->store);
     (void)mni_trace_swap(before);
+    if (done)
+        counts_as_move(s);
     return done;
 }
 
@@ -451,6 +458,8 @@ bool mn_session_grow(mn_session *s) {
     mni_trace_ring *before = mni_trace_swap(ring_of(s, MN_TRACE_NAVIGATE));
     const bool done = mni_store_grow(s->store);
     (void)mni_trace_swap(before);
+    if (done)
+        counts_as_move(s);
     return done;
 }
 
@@ -463,17 +472,17 @@ void mn_session_set_size(mn_session *s, uint32_t width_px, uint32_t height_px) {
     MN_ASSERT(width_px > 0 && height_px > 0);
     s->nav.width_px = width_px;
     s->nav.height_px = height_px;
-    s->nav.camera = (mn_camera){0}; /* the next frame's is another one: this counts as a move */
+    counts_as_move(s);
 }
 
 void mn_session_set_weights(mn_session *s, const mn_weights *weights) {
     s->nav.weights = *weights;
-    s->nav.camera = (mn_camera){0}; /* as above */
+    counts_as_move(s);
 }
 
 void mn_session_set_triangles_max(mn_session *s, uint64_t triangles_max) {
     s->nav.triangles_max = triangles_max;
-    s->nav.camera = (mn_camera){0}; /* as above */
+    counts_as_move(s);
 }
 
 bool mn_session_at_roots(const mn_session *s) {

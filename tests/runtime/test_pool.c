@@ -522,6 +522,33 @@ START_TEST(fewer_places_fill_sooner) {
 }
 END_TEST
 
+/* As many places as blocks: there is room for whatever was refused while there were fewer. (A chain
+ * that had needed more than the places that were left stood refused.) */
+START_TEST(a_place_for_each_is_room_for_all) {
+    made_desc made = {.seed = 5,
+                      .blocks = 1365,
+                      .depth_max = 6,
+                      .fanout_max = 4,
+                      .pages_max = 1,
+                      .regular = true,
+                      .blocking = (mn_blocking)_i};
+    made_file_make(&file, &made);
+    walker w;
+    mni_store_desc desc = {.kind = MN_STORE_PAGED, .io = MN_IO_SIM, .k = 1400, .io_serial = true};
+    ck_assert_uint_lt(file.header.blocks, desc.k);
+    ck_assert(walker_open(&w, &file, desc));
+    walker_settle(&w, 31, 100);
+    ck_assert_int_gt(mni_store_room(w.store), desc.k);
+    walker_settle(&w, 0, 100);
+    ck_assert(mni_store_shrink(w.store));
+    ck_assert_int_lt(mni_store_room(w.store), desc.k);
+    ck_assert(mni_store_grow(w.store));
+    ck_assert_int_gt(mni_store_room(w.store), desc.k);
+    walker_close(&w);
+    made_file_free(&file);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("pool");
     TCase *tests = tcase_create("pool");
@@ -538,6 +565,8 @@ int main(void) {
     tcase_add_test(tests, a_full_ancestor_table_refuses);
     tcase_add_loop_test(tests, chunks_retire_and_return, MN_IO_URING, MN_IO_SIM + 1);
     tcase_add_loop_test(tests, fewer_places_fill_sooner, MN_BLOCKING_PACKED,
+                        MN_BLOCKING_LEVELS + 1);
+    tcase_add_loop_test(tests, a_place_for_each_is_room_for_all, MN_BLOCKING_PACKED,
                         MN_BLOCKING_LEVELS + 1);
     suite_add_tcase(suite, tests);
     return suite_run(suite);
