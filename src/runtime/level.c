@@ -52,6 +52,15 @@ double mni_level_tolerance(const mni_level *l, double tolerance_px) {
     return tolerance_px * exp2((double)l->level / MNI_LEVELS_A_DOUBLING);
 }
 
+void mni_level_asked(mni_level *l, double before_px, double now_px) {
+    const double doublings = log2(before_px / now_px);
+    const double level = ceil(l->level + MNI_LEVELS_A_DOUBLING * doublings);
+    if (l->level > 0)
+        l->level = isfinite(doublings) ? (int)fmin(fmax(level, 0), MNI_LEVEL_MAX) : 0;
+    l->stride = 0;
+    l->settled = true;
+}
+
 /* Doublings of a tolerance until it can be seen. */
 static double unseen(double tolerance_px) {
     return fmax(-log2(tolerance_px), 0);

@@ -42,6 +42,9 @@ typedef struct mni_level_signs {
 void mni_level_open(mni_level *level);
 /* The tolerance at the level. */
 double mni_level_tolerance(const mni_level *level, double tolerance_px);
+/* Another tolerance is asked for: where it has given way what is used stays, or is the new one if
+ * that is more. If either is none (below 0, infinite), nothing has given way yet. */
+void mni_level_asked(mni_level *level, double before_px, double now_px);
 /* By how much farther, at the level, a node is taken to be whose sphere holds the eye: 1 and more.
  * box_away: how far the eye is from the model's box, likewise in least distances, 1 and more. */
 double mni_level_reach(const mni_level *level, double tolerance_px, double box_away);

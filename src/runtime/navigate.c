@@ -538,7 +538,7 @@ void mni_navigator_give_way(mni_navigator *nav, bool reading) {
                              .crowd = work->crowd,
                              .box_away = nav->box_away,
                              .fill = mni_navigator_fill(nav)};
-    if (nav->degrades)
+    if (nav->degrades && nav->tolerance_px > 0)
         mni_level_next(&nav->level, nav->tolerance_px, &signs);
 }
 
@@ -580,6 +580,8 @@ void mni_navigator_frame(mni_navigator *nav, const mn_camera *camera, double tol
     nav->moved = memcmp(&nav->camera, camera, sizeof *camera) != 0 ||
                  memcmp(&nav->tolerance_px, &tolerance_px, sizeof tolerance_px) != 0;
     nav->camera = *camera;
+    if (nav->tolerance_px != tolerance_px)
+        mni_level_asked(&nav->level, nav->tolerance_px, tolerance_px);
     nav->tolerance_px = tolerance_px;
     double used_px = mni_level_tolerance(&nav->level, tolerance_px);
     nav->box_away = box_away(nav, camera);

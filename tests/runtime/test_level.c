@@ -202,6 +202,24 @@ START_TEST(waits_for_blocks) {
 }
 END_TEST
 
+/* What is used stays when another tolerance is asked for, unless it had not given way. */
+START_TEST(asked_for_another) {
+    const double before[] = {1, 1, 1, 1, 1, 1, -1, INFINITY, 0, 1e30, 1e-30};
+    const double now[] = {1, 0.125, 8, 100, -1, INFINITY, 1, 1, 1, 1e-30, 1e30};
+    const int doublings[] = {6, 9, 3, 0, 0, 0, 0, 0, 0, 40, 0};
+    for (int i = 0; i < 11; i++) {
+        mni_level l;
+        mni_level_open(&l);
+        l.level = 6 * MNI_LEVELS_A_DOUBLING;
+        mni_level_asked(&l, before[i], now[i]);
+        ck_assert_int_eq(l.level, doublings[i] * MNI_LEVELS_A_DOUBLING);
+        mni_level_open(&l);
+        mni_level_asked(&l, before[i], now[i]);
+        ck_assert_int_eq(l.level, 0);
+    }
+}
+END_TEST
+
 /* What could not be collapsed yet may hold the room: the level that was refused is tried again. */
 START_TEST(stale_refusals_are_no_verdict) {
     mni_level l;
@@ -246,6 +264,7 @@ int main(void) {
     tcase_add_test(tc, strides_begin_anew);
     tcase_add_test(tc, near_stays_near);
     tcase_add_loop_test(tc, even_in_motion, 0, 4);
+    tcase_add_test(tc, asked_for_another);
     tcase_add_test(tc, waits_for_blocks);
     tcase_add_test(tc, stale_refusals_are_no_verdict);
     tcase_add_test(tc, limits);

@@ -155,6 +155,40 @@ START_TEST(room_comes_back) {
 }
 END_TEST
 
+/* A tolerance that cannot be had is asked for, and then the one before: that is used at once. (It
+ * was taken as many times as the other had given way.) */
+START_TEST(another_tolerance) {
+    model m;
+    model_make(&m, MODEL_TERRAIN, 40000, &blockings[2]);
+    mn_session_desc desc = model_desc(&m);
+    desc.front_max = 4000;
+    desc.tolerance_px = 20;
+    mn_session *s = model_open(&desc);
+    const mn_camera camera = model_camera(&m, 0.1, 1.5);
+    mn_frame_stats whole, less, again;
+    mn_session_frame(s, &camera, &whole);
+    ck_assert_double_eq(whole.tolerance_px, 20);
+    mn_session_set_tolerance(s, 0.1F);
+    (void)mn_session_settle(s, &camera, 1000);
+    mn_session_frame(s, &camera, &less);
+    ck_assert(less.tolerance_px > 0.2 && less.tolerance_px < 20);
+    mn_session_set_tolerance(s, 0.05F);
+    mn_session_frame(s, &camera, &again);
+    ck_assert_double_eq_tol(again.tolerance_px, less.tolerance_px, 0.02 * less.tolerance_px);
+    mn_session_set_tolerance(s, 20);
+    mn_session_frame(s, &camera, &again);
+    ck_assert_double_eq(again.tolerance_px, 20);
+    ck_assert_uint_eq(again.front_hash, whole.front_hash);
+    mn_session_set_tolerance(s, -1);
+    (void)mn_session_settle(s, &camera, 1000);
+    mn_session_set_tolerance(s, 20);
+    mn_session_frame(s, &camera, &again);
+    ck_assert_double_eq(again.tolerance_px, 20);
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
 /* Reads fail, lie and come late; when that ends, the front is the one that a sound disk gives. */
 START_TEST(faults_end) {
     uint64_t sound[CAMERAS];
@@ -209,6 +243,7 @@ int main(void) {
     TCase *full = tcase_create("full");
     tcase_add_test(full, refused_unseen);
     tcase_add_test(full, room_comes_back);
+    tcase_add_test(full, another_tolerance);
     suite_add_tcase(suite, full);
     tcase_add_loop_test(tc, few_holders, 0, MODEL_SHAPES * BLOCKINGS);
     tcase_add_loop_test(tc, faults_end, 0, 2 * MODEL_SHAPES);
