@@ -7,7 +7,8 @@
  *   the camera stands  what fits at a level fits at every higher one: a search between the highest
  *                      that was too low and the lowest that is enough, in strides that double and,
  *                      between both, halve. No level is tried twice, so it ends, and with all
- *                      in memory at the same rung from whichever side: the lowest that fits
+ *                      in memory at the same rung from whichever side: the lowest that fits. Down
+ *                      by what room there is: too far would read what then has to go
  *   the camera moves   up as long as something is refused, in strides that double from frame to
  *                      frame; down, after a pause, as far as the room that is left allows
  *
@@ -126,9 +127,19 @@ static void rise(mni_level *l, double tolerance_px, const mni_level_signs *s) {
 static int reach(const mni_level_signs *s) {
     if (!(s->fill > 0))
         return MNI_LEVEL_STRIDE;
-    double share = s->moved ? FILL_MOVING : 1;
-    double levels = MNI_LEVELS_A_DOUBLING / 2 * log2(share / s->fill);
-    return levels < MNI_LEVEL_STRIDE ? most((int)levels, !s->moved) : MNI_LEVEL_STRIDE;
+    const double share = s->moved ? FILL_MOVING : 1;
+    const double at_most = s->moved ? MNI_LEVEL_STRIDE : MNI_LEVEL_MAX;
+    const double levels = MNI_LEVELS_A_DOUBLING / 2 * log2(share / s->fill);
+    return most((int)fmin(levels, at_most), !s->moved);
+}
+
+/* While the camera stands: so far, or, if the last fall has taken little of what there was, in
+ * doublings of the fill, once or twice as far as that. */
+static int reach_standing(const mni_level *l, const mni_level_signs *s) {
+    const double taken = log2(s->fill / l->fill), left = -log2(s->fill);
+    if (l->stride >= 0 || !(2 * taken <= left))
+        return reach(s);
+    return most(reach(s), 4 * taken <= left ? -2 * l->stride : -l->stride);
 }
 
 static void fall(mni_level *l, const mni_level_signs *s) {
@@ -143,7 +154,8 @@ static void fall(mni_level *l, const mni_level_signs *s) {
     l->settled = false;
     if (s->moved ? l->hold > 0 : s->busy)
         return;
-    l->stride = -least(-stride(l, -1), reach(s));
+    l->stride = -(s->moved ? least(-stride(l, -1), reach(s)) : reach_standing(l, s));
+    l->fill = s->fill;
     int next = most(l->level + l->stride, 0);
     if (next <= l->too_low)
         next = l->too_low + (l->level - l->too_low) / 2;

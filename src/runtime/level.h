@@ -17,6 +17,7 @@ typedef struct mni_level {
     int enough;   /* the lowest that would do; MNI_LEVEL_MAX + 1: none is known */
     int stride;   /* the last one, up above 0, down below; the next one that way is twice as long */
     int hold;     /* frames */
+    double fill;  /* before the last step down */
     bool settled; /* it would not change if the camera stood */
 } mni_level;
 

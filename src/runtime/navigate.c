@@ -528,10 +528,11 @@ static void look_forward(mni_navigator *nav) {
 void mni_navigator_give_way(mni_navigator *nav, bool reading) {
     const mni_work *work = &nav->work;
     bool over = nav->triangles_max > 0 && nav->front.triangles > nav->triangles_max;
-    bool busy = reading || mni_navigator_ops(nav) > 0 || work->refused_budget > 0;
+    bool ops = mni_navigator_ops(nav) > 0, waits = reading || work->refused_budget > 0;
+    bool busy = waits || (ops && work->misses > 0); /* a bad block is missed for ever */
     mni_level_signs signs = {.moved = nav->moved,
                              .full = over || work->refused.px > 0,
-                             .stale = busy && work->refused_collapse,
+                             .stale = (waits || ops) && work->refused_collapse,
                              .busy = busy,
                              .from_scratch = work->splits > nav->front.active / 2,
                              .refused = work->refused,

@@ -202,6 +202,33 @@ START_TEST(waits_for_blocks) {
 }
 END_TEST
 
+/* While the camera stands the room that is there is taken in a few frames, also where a level takes
+ * next to nothing of it. (A level a frame, for 100 frames, from 35 px to 1: a front of which most
+ * was in blocks that were there.) */
+START_TEST(stands_and_comes_back) {
+    const int steep[] = {1, 2, 8, 40};
+    for (int i = 0; i < 400; i++) {
+        mni_level l;
+        mni_level_open(&l);
+        l.level = (int)below(MNI_LEVEL_MAX) + 1;
+        const int lowest = (int)below((uint64_t)l.level);
+        int tried_too_low = 0, frames = 0;
+        do {
+            mni_level_signs s = {.full = l.level < lowest, .moved = frames == 0, .box_away = 1};
+            const double above = (double)(l.level - lowest) / MNI_LEVELS_A_DOUBLING;
+            s.fill = s.full ? 1 : exp2(-above / steep[i % 4]);
+            s.refused = (mni_level_refused){.px = s.full ? 1e12 : 0, .away = INFINITY};
+            tried_too_low += s.full;
+            mni_level_next(&l, 1, &s);
+            frames++;
+        } while (!l.settled && frames < FRAMES_MAX);
+        ck_assert_int_eq(l.level, lowest);
+        ck_assert_int_le(frames, 60);
+        ck_assert_int_le(tried_too_low, 12);
+    }
+}
+END_TEST
+
 /* What is used stays when another tolerance is asked for, unless it had not given way. */
 START_TEST(asked_for_another) {
     const double before[] = {1, 1, 1, 1, 1, 1, -1, INFINITY, 0, 1e30, 1e-30};
@@ -264,6 +291,7 @@ int main(void) {
     tcase_add_test(tc, strides_begin_anew);
     tcase_add_test(tc, near_stays_near);
     tcase_add_loop_test(tc, even_in_motion, 0, 4);
+    tcase_add_test(tc, stands_and_comes_back);
     tcase_add_test(tc, asked_for_another);
     tcase_add_test(tc, waits_for_blocks);
     tcase_add_test(tc, stale_refusals_are_no_verdict);
