@@ -17,7 +17,8 @@
  * - So that this one is full too, a run is fitted: its block and those below it are packed for
  *   trial, and the run given subtrees or relieved of some until they come to whole blocks. What
  *   each whole subtree takes is measured once and added up, so a trial does not look at most nodes
- *   again.
+ *   again. The last run, which has what the others left, goes without its own block where that
+ * saves one.
  *
  * Hides: the grouping, and the room kept for references, whose number is known only after the exits
  * are grouped: a block that then turns out too long is filled again with more room kept.
@@ -37,6 +38,7 @@ enum {
     LOOK_AHEAD = 24,  /* exits that did not fit before a run counts as full */
     FITTINGS_MAX = 5, /* trials of one run */
     ENDED_TIMES = 14, /* nodes below a block, for one in it, that end in blocks right below it */
+    ENDING_MOST = 4,  /* blocks of a last run that may end whole; of more, each would be narrow */
     SMALL_NODES = 1,  /* of a subtree that goes with its parent wherever that is */
     SMALL_NODES_MAX = 15, /* where a run needs a little less room */
     MEASURES = 4096,      /* kept: those of the runs of a block of 8 KiB */
@@ -44,19 +46,24 @@ enum {
     CUT_STEPS = 32,       /* ends of a run are tried that are a 32nd of it apart */
     WHOLE = INT32_MAX,    /* run.small of a block that ends all its subtrees */
 };
-/* References kept room for, as a share of exits; the last always suffices. */
-static const double ref_share[] = {0.03, 0.2, 0.6, 1};
-enum { REF_SHARES = sizeof ref_share / sizeof ref_share[0] };
+/* References kept room for: a share of exits, and how many at most; the last always suffices. A
+ * block has as many blocks below it whatever its length, so at first only what four bits say. */
+static const struct {
+    double share;
+    uint32_t most;
+} refs_room[] = {{0.03, 15}, {0.2, UINT32_MAX}, {0.6, UINT32_MAX}, {1, UINT32_MAX}};
+enum { REFS_ROOMS = sizeof refs_room / sizeof refs_room[0] };
 static const double RUN_SHARE = 0.25, /* subtrees in a run, for a node in a block */
     TOP_SHARE = 0.33,  /* of a block's nodes, for the roots of its subtrees at most */
     TOP_STRETCH = 1.5, /* times that, where it makes a run fit */
     FEW_COST = 1.5,    /* blocks that a run of one subtree may cost less than a long one */
     FIT_COST = 0.25,   /* blocks left empty below a run that can be fitted */
     FAR_COST = 0.4, FAR_COST_EACH = 0.03, /* below one with too much below, and for each block */
-    NEARLY = 0.98,  /* of a block: what a run that is to fit it may be estimated at */
-    ENOUGH = 0.06,  /* a run that leaves no more of a block empty fits */
-    MARGIN = 0.02,  /* of a block: aimed at */
-    SQUEEZE = 0.06; /* of a run's blocks: what larger SMALL_NODES can save */
+    NEARLY = 0.98,      /* of a block: what a run that is to fit it may be estimated at */
+    ENOUGH = 0.04,      /* a run that leaves no more of a block empty fits */
+    MARGIN = 0.02,      /* of a block: aimed at */
+    SQUEEZE = 0.06,     /* of a run's blocks: what larger SMALL_NODES can save */
+    ENDING_SAVES = 0.4; /* of a block: what the exits of an inner one take, at most */
 
 typedef struct candidate {
     uint32_t known, depth, key, order;
@@ -89,7 +96,7 @@ typedef struct measure {
 /* What becomes of a run, or of all exits of a block. */
 typedef struct outcome {
     uint32_t blocks; /* 0: not known */
-    double used;     /* of them, in blocks' worth of bytes */
+    double last;     /* of the last one, what is used */
 } outcome;
 
 struct mni_packer {
@@ -190,9 +197,10 @@ static mn_code push_children(mni_packer *p, const mni_draft *draft, uint32_t kno
     return MN_OK;
 }
 
-static uint32_t refs_kept(const mni_packer *p, uint32_t exits, double share) {
-    double refs = share * exits;
-    uint32_t up = (uint32_t)refs + (refs > (double)(uint32_t)refs);
+static uint32_t refs_kept(const mni_packer *p, uint32_t exits, uint32_t room) {
+    double refs = refs_room[room].share * exits;
+    uint32_t up = (uint32_t)refs + (refs > (double)(uint32_t)refs), most = refs_room[room].most;
+    up = up > most ? most : up;
     return (up > exits ? exits : up) + p->overflows;
 }
 
@@ -204,7 +212,7 @@ static mn_code take(mni_packer *p, mni_draft *draft, uint32_t known, uint32_t ta
 
 /* The tops of subtrees of the draft, best first, until nothing fits. takes: who gets them. */
 static mn_code fill(mni_packer *p, mni_draft *draft, const mni_exit *root, uint32_t roots,
-                    uint32_t takes, uint32_t small, double share) {
+                    uint32_t takes, uint32_t small, uint32_t room) {
     mn_code code = MN_OK;
     p->waiting = p->overflows = 0;
     tally_none(p, &p->tally);
@@ -223,7 +231,7 @@ static mn_code fill(mni_packer *p, mni_draft *draft, const mni_exit *root, uint3
         uint32_t overflows = mni_draft_overflows(p->plan, &draft->known[next.known]);
         with.exits--; /* it was one */
         p->overflows += overflows;
-        if (!fits(p, &with, refs_kept(p, with.exits, share))) {
+        if (!fits(p, &with, refs_kept(p, with.exits, room))) {
             p->overflows -= overflows;
             tries++;
             continue;
@@ -336,18 +344,18 @@ static bool ends_below(const exit_list *x) {
     return nodes <= (uint64_t)ENDED_TIMES * x->above;
 }
 
-/* All exits into blocks of whole subtrees, planned or only counted. out->blocks 0: some are too
- * large, and nothing is planned. */
-static mn_code end_all(mni_packer *p, exit_list *x, bool planned, outcome *out) {
+/* All exits from there on into blocks of whole subtrees, planned or only counted. out->blocks 0:
+ * some are too large, and nothing is planned. */
+static mn_code end_all(mni_packer *p, exit_list *x, uint32_t first, bool planned, outcome *out) {
     const mni_family *f = x->family;
     *out = (outcome){0};
-    for (uint32_t e = 0; e < f->exits; e++) {
+    for (uint32_t e = first; e < f->exits; e++) {
         const measure *m;
         mn_code code = measure_of(p, &f->exit[e], &m);
         if (code != MN_OK || !m->fits)
             return code;
     }
-    for (uint32_t e = 0, next; e < f->exits; e = next) {
+    for (uint32_t e = first, next; e < f->exits; e = next) {
         mni_tally tally;
         mn_code code = gather_whole(p, x, e, &next, &tally);
         if (code == MN_OK && planned)
@@ -355,7 +363,7 @@ static mn_code end_all(mni_packer *p, exit_list *x, bool planned, outcome *out) 
         if (code != MN_OK)
             return code;
         out->blocks++;
-        out->used += (double)mni_tally_bytes(&tally, 0) / p->limit;
+        out->last = (double)mni_tally_bytes(&tally, 0) / p->limit;
     }
     return MN_OK;
 }
@@ -439,17 +447,16 @@ static mn_code try_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t nex
     *out = (outcome){0};
     uint32_t takes = MNI_BLOCK_TAKES + ++p->trials;
     sort_exits(x, first, next);
-    mn_code code =
-        fill(p, x->draft, x->family->exit + first, next - first, takes, small, ref_share[0]);
+    mn_code code = fill(p, x->draft, x->family->exit + first, next - first, takes, small, 0);
     if (code == MN_OK)
         code = list_exits(p, &p->below, x->draft, x->family->exit + first, next - first, takes,
                           &p->trial_family);
     if (code == MN_OK && ends_below(&p->below))
-        code = end_all(p, &p->below, false, out);
-    if (out->blocks > 0 || p->trial_family.exits == 0) {
-        out->used += (double)mni_tally_bytes(&p->tally, out->blocks + p->overflows) / p->limit;
+        code = end_all(p, &p->below, 0, false, out);
+    if (p->trial_family.exits == 0)
+        out->last = (double)mni_tally_bytes(&p->tally, p->overflows) / p->limit;
+    if (out->blocks > 0 || p->trial_family.exits == 0)
         out->blocks++;
-    }
     return code;
 }
 
@@ -474,14 +481,15 @@ static uint32_t resize_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t
     return next;
 }
 
-/* Changes a run, and what its block is to do with small subtrees, until the blocks are full. */
-static mn_code fit_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t *next,
-                       uint32_t *small) {
+/* Changes a run, and what its block is to do with small subtrees, until the last block is full; the
+ * others are as full as they can be. */
+static mn_code fit_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t *next, uint32_t *small,
+                       outcome *best) {
     const uint32_t exits = x->family->exits;
     size_t rest = (exits - first) * sizeof *x->kept;
     uint32_t end = *next, take = SMALL_NODES;
-    double least = INFINITY;
     *small = take;
+    *best = (outcome){.last = -1};
     if (run_blocks(p, x, first, end) > ENDED_TIMES + 1)
         return MN_OK;
     memcpy(x->kept, x->family->exit + first, rest);
@@ -497,20 +505,20 @@ static mn_code fit_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t *ne
             return code;
         if (out.blocks == 0)
             break;
-        double spare = out.blocks - out.used;
-        if (spare < least) {
-            least = spare;
+        if (out.last > best->last) {
+            *best = out;
             *next = end;
             *small = take;
             memcpy(x->kept, x->family->exit + first, rest);
         }
-        if (spare < ENOUGH)
+        if (out.last > 1 - ENOUGH)
             break;
         if (end < exits) {
-            end = resize_run(p, x, first, end, (spare < 0.5 ? spare : spare - 1) - MARGIN);
+            end =
+                resize_run(p, x, first, end, (out.last > 0.5 ? 1 - out.last : -out.last) - MARGIN);
             if (end == exits)
                 break; /* a rest that fits nothing else is no better */
-        } else if (1 - spare < SQUEEZE * out.blocks && take < SMALL_NODES_MAX) {
+        } else if (out.last < SQUEEZE * out.blocks && take < SMALL_NODES_MAX) {
             take += take + 1;
         } else {
             break;
@@ -521,9 +529,23 @@ static mn_code fit_run(mni_packer *p, exit_list *x, uint32_t first, uint32_t *ne
     return MN_OK;
 }
 
+/* The last run, into blocks of whole subtrees if these are fewer: an inner block's exits take about
+ * a third of its room, and of the last block below it little is used. */
+static mn_code end_run(mni_packer *p, exit_list *x, uint32_t first, const outcome *fitted,
+                       bool *ended) {
+    outcome out = {0};
+    mn_code code = MN_OK;
+    if (fitted->blocks > 0 && fitted->blocks <= ENDING_MOST && fitted->last < ENDING_SAVES)
+        code = end_all(p, x, first, false, &out);
+    *ended = out.blocks > 0 && out.blocks < fitted->blocks;
+    return code == MN_OK && *ended ? end_all(p, x, first, true, &out) : code;
+}
+
 /* The first run of the exits from there on. */
 static mn_code plan_next(mni_packer *p, exit_list *x, uint32_t first, uint32_t *next) {
     uint32_t small = WHOLE, end = first;
+    bool ended = false;
+    outcome fitted = {0};
     mni_tally whole;
     mn_code code = MN_OK;
     plan_cuts(p, x, first);
@@ -541,8 +563,10 @@ static mn_code plan_next(mni_packer *p, exit_list *x, uint32_t first, uint32_t *
         *next -= 1 + (*next - first) / 16;
     }
     if (code == MN_OK)
-        code = fit_run(p, x, first, next, &small);
-    return code == MN_OK ? add_run(p, x, first, *next, small, NULL) : code;
+        code = fit_run(p, x, first, next, &small, &fitted);
+    if (code == MN_OK && *next == x->family->exits)
+        code = end_run(p, x, first, &fitted, &ended);
+    return code == MN_OK && !ended ? add_run(p, x, first, *next, small, NULL) : code;
 }
 
 /* What trials have looked at below a run is of no use to the next one. */
@@ -552,7 +576,7 @@ static mn_code plan_exits(mni_packer *p, exit_list *x) {
     mn_code code = MN_OK;
     p->trials = 0;
     if (ends_below(x))
-        code = end_all(p, x, true, &out);
+        code = end_all(p, x, 0, true, &out);
     for (uint32_t e = out.blocks > 0 ? x->family->exits : 0;
          e < x->family->exits && code == MN_OK;) {
         code = plan_next(p, x, e, &e);
@@ -565,13 +589,13 @@ static mn_code plan_exits(mni_packer *p, exit_list *x) {
 
 mn_code mni_packer_block(mni_packer *p, mni_exit *root, uint32_t roots, uint32_t small,
                          mni_draft *draft, mni_family *family, mni_tally *tally) {
-    for (uint32_t share = 0;; share++) {
-        MN_ASSERT(share < REF_SHARES);
+    for (uint32_t room = 0;; room++) {
+        MN_ASSERT(room < REFS_ROOMS);
         mn_code code = mni_draft_begin(p->plan, draft, root, roots);
         for (uint32_t r = 0; r < roots; r++)
             root[r].known = r;
         if (code == MN_OK)
-            code = fill(p, draft, root, roots, MNI_BLOCK_TAKES, small, ref_share[share]);
+            code = fill(p, draft, root, roots, MNI_BLOCK_TAKES, small, room);
         if (code == MN_OK)
             code = mni_draft_list(p->plan, draft);
         if (code != MN_OK)

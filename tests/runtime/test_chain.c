@@ -186,7 +186,7 @@ static mni_work last_frame(double round_ops, uint32_t nodes_max) {
  * others. */
 START_TEST(a_miss_is_no_want_of_room) {
     int filled = 0;
-    for (uint32_t nodes_max = 2100; nodes_max < 2400; nodes_max += 40) {
+    for (uint32_t nodes_max = 1600; nodes_max < 2600; nodes_max += 80) {
         const mni_work once = last_frame(INFINITY, nodes_max), again = last_frame(1, nodes_max);
         const uint64_t more = again.splits - once.splits;
         ck_assert_uint_ge(again.misses + 1 + more, once.misses);
