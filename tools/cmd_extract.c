@@ -18,8 +18,8 @@ static const char help[] =
     "  --error E       the coarsest front on which no node's switch value exceeds E, a length in\n"
     "                  model units\n"
     "  -o FILE         what stood there stays until the new one is whole\n"
-    "  --ram SIZE      cap for the whole process: 5M and 3 bits a vertex, with --error 4 bits.\n"
-    "                  Default: half of the memory, or of what the cgroup allows\n"
+    "  --ram SIZE      cap for the whole process: 6M and 3 bits a vertex, with --error 4 bits,\n"
+    "                  at most. Default: half of the memory, or of what the cgroup allows\n"
     "  --temp-dir DIR  with --error: where a temporary file of 4 bytes a vertex goes, if the cap\n"
     "                  has no room for it (default: beside OUT.ply)\n"
     "  --json          figures as one JSON object\n";

@@ -22,8 +22,8 @@ static const char help[] =
     "  --weld on|off   as the file was built; without it, the one that gives as many vertices\n"
     "  --reader own|openmesh\n"
     "  --ram SIZE      cap for the whole process, whatever the file's size: 5M, with --against\n"
-    "                  about 11M, more where blocks are hundreds deep. Default: half of the\n"
-    "                  memory, or of what the cgroup allows\n"
+    "                  6M to 13M (10 million vertices), more where blocks are hundreds deep.\n"
+    "                  Default: half of the memory, or of what the cgroup allows\n"
     "  --temp-dir DIR  with --against: where temporary files go (default: beside FILE)\n"
     "  --json          figures as one JSON object\n";
 
