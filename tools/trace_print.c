@@ -38,36 +38,17 @@ static double recall(const trace_report *r) {
     return ratio((double)r->prefetches_used, (double)(r->prefetches_used + urgent_loads(r)));
 }
 
+static bool is_paged(const trace_report *r) {
+    return r->info->store == MN_STORE_PAGED;
+}
+
 static double seconds(const trace_report *r) {
     return r->last_ns > r->first_ns ? 1e-9 * (double)(r->last_ns - r->first_ns) : 0;
 }
 
 /* ---- words ----------------------------------------------------------------------------------- */
 
-static void text_head(const trace_report *r, FILE *out) {
-    const mn_trace_info *i = r->info;
-    fprintf(out, "%s: %" PRIu32 " blocks of %" PRIu32 " bytes at most, ", i->model, i->blocks,
-            i->block_bytes_max);
-    if (i->store == MN_STORE_PAGED)
-        fprintf(out, "K %" PRIu32 ", prefetch %s\n", i->k, name_of(prefetches, i->prefetch));
-    else
-        fprintf(out, "%s\n", name_of(stores, i->store));
-    const uint64_t dropped =
-        mn_trace_dropped(r->file, MN_TRACE_NAVIGATE) + mn_trace_dropped(r->file, MN_TRACE_IO);
-    fprintf(out, "trace      %" PRIu64 " events of Navigate, %" PRIu64 " of I/O",
-            mn_trace_events(r->file, MN_TRACE_NAVIGATE), mn_trace_events(r->file, MN_TRACE_IO));
-    if (dropped > 0)
-        fprintf(out, "; %" PRIu64 " DID NOT FIT, so sums are too low", dropped);
-    fputs(mn_trace_is_cut(r->file) ? "; it ends before its end\n" : "\n", out);
-    fprintf(out, "run        %" PRIu64 " frame%s in %.3f s%s\n", r->frames, cli_s(r->frames),
-            seconds(r), i->clock == MN_TRACE_VIRTUAL ? " of the simulated disk" : "");
-    fprintf(out, "moves      %" PRIu64 " split%s, %" PRIu64 " collapse%s\n", r->splits,
-            cli_s(r->splits), r->collapses, cli_s(r->collapses));
-    fprintf(out, "misses     %" PRIu64 ", rate %.4f (mean of frames), %.4f (overall)\n", r->misses,
-            ratio(r->miss_rate_sum, (double)r->frames),
-            miss_rate(r->misses, r->splits + r->collapses));
-    fprintf(out, "refused    %" PRIu64 " front, %" PRIu64 " budget, %" PRIu64 " pool\n",
-            r->refused_front, r->refused_budget, r->refused_pool);
+static void text_pool(const trace_report *r, FILE *out) {
     fprintf(out,
             "disk       %" PRIu64 " read%s, %.1f MB; %" PRIu64 " second chance%s, %" PRIu64
             " eviction%s of prefetched blocks\n",
@@ -91,6 +72,34 @@ static void text_head(const trace_report *r, FILE *out) {
             " with ancestors; %.0f different ones in %d frames, %" PRIu64 " at most\n",
             r->in_use_max, r->ancestors_max, ratio((double)r->window_sum, (double)r->windows),
             REPORT_WINDOW, r->window_max);
+}
+
+static void text_head(const trace_report *r, FILE *out) {
+    const mn_trace_info *i = r->info;
+    fprintf(out, "%s: %" PRIu32 " blocks of %" PRIu32 " bytes at most, ", i->model, i->blocks,
+            i->block_bytes_max);
+    if (is_paged(r))
+        fprintf(out, "K %" PRIu32 ", prefetch %s\n", i->k, name_of(prefetches, i->prefetch));
+    else
+        fprintf(out, "%s\n", name_of(stores, i->store));
+    const uint64_t dropped =
+        mn_trace_dropped(r->file, MN_TRACE_NAVIGATE) + mn_trace_dropped(r->file, MN_TRACE_IO);
+    fprintf(out, "trace      %" PRIu64 " events of Navigate, %" PRIu64 " of I/O",
+            mn_trace_events(r->file, MN_TRACE_NAVIGATE), mn_trace_events(r->file, MN_TRACE_IO));
+    if (dropped > 0)
+        fprintf(out, "; %" PRIu64 " DID NOT FIT, so sums are too low", dropped);
+    fputs(mn_trace_is_cut(r->file) ? "; it ends before its end\n" : "\n", out);
+    fprintf(out, "run        %" PRIu64 " frame%s in %.3f s%s\n", r->frames, cli_s(r->frames),
+            seconds(r), i->clock == MN_TRACE_VIRTUAL ? " of the simulated disk" : "");
+    fprintf(out, "moves      %" PRIu64 " split%s, %" PRIu64 " collapse%s\n", r->splits,
+            cli_s(r->splits), r->collapses, cli_s(r->collapses));
+    fprintf(out, "misses     %" PRIu64 ", rate %.4f (mean of frames), %.4f (overall)\n", r->misses,
+            ratio(r->miss_rate_sum, (double)r->frames),
+            miss_rate(r->misses, r->splits + r->collapses));
+    fprintf(out, "refused    %" PRIu64 " front, %" PRIu64 " budget, %" PRIu64 " pool\n",
+            r->refused_front, r->refused_budget, r->refused_pool);
+    if (is_paged(r))
+        text_pool(r, out);
     if (r->counters_differ + r->moves_differ > 0)
         fprintf(out,
                 "NOTE       %" PRIu64 " levels and %" PRIu64 " sums do not follow from events\n",
@@ -148,7 +157,7 @@ static void text_reuse(const trace_report *r, FILE *out) {
         const report_guess g = trace_report_guess(r, r->size[i]);
         fprintf(out, "%8" PRIu64 " %9" PRIu64 " %8.4f %9" PRIu64 " %8.4f%s\n", r->size[i], g.reads,
                 ratio((double)g.reads, (double)r->reuse.accesses_all), g.misses, g.miss_rate,
-                r->info->store == MN_STORE_PAGED && r->size[i] == r->info->k ? "  this K" : "");
+                is_paged(r) && r->size[i] == r->info->k ? "  this K" : "");
     }
 }
 
@@ -161,6 +170,14 @@ void trace_report_text(const trace_report *r, FILE *out) {
 
 /* ---- JSON ------------------------------------------------------------------------------------ */
 
+/* Without a pool there is no such figure: the file is in memory, or the system reads it. */
+static void paged_u64(json *j, const trace_report *r, const char *key, uint64_t value) {
+    if (is_paged(r))
+        json_u64(j, key, value);
+    else
+        json_null(j, key);
+}
+
 static void json_info(json *j, const trace_report *r) {
     const mn_trace_info *i = r->info;
     char build[20];
@@ -169,10 +186,10 @@ static void json_info(json *j, const trace_report *r) {
     json_str(j, "build_id", build);
     json_u64(j, "blocks", i->blocks);
     json_u64(j, "block_bytes_max", i->block_bytes_max);
-    json_u64(j, "k", i->k);
-    json_u64(j, "k_min", i->k_min);
+    paged_u64(j, r, "k", i->k);
+    paged_u64(j, r, "k_min", i->k_min);
     json_str(j, "store", name_of(stores, i->store));
-    json_str(j, "prefetch", name_of(prefetches, i->prefetch));
+    json_str(j, "prefetch", is_paged(r) ? name_of(prefetches, i->prefetch) : "off");
     json_str(j, "clock", i->clock == MN_TRACE_VIRTUAL ? "virtual" : "monotonic");
     json_u64(j, "seed", i->seed);
     json_u64(j, "events",
@@ -197,8 +214,8 @@ static void json_sums(json *j, const trace_report *r) {
     json_u64(j, "refused_front", r->refused_front);
     json_u64(j, "refused_budget", r->refused_budget);
     json_u64(j, "refused_pool", r->refused_pool);
-    json_u64(j, "reads", r->reads);
-    json_u64(j, "read_bytes", r->arrived_bytes);
+    paged_u64(j, r, "reads", r->reads);
+    paged_u64(j, r, "read_bytes", r->arrived_bytes);
     json_u64(j, "second_chances", r->second_chances);
     json_u64(j, "evictions", r->evictions);
     for (int c = 0; c < MN_TRACE_COMMANDS; c++)

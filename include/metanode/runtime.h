@@ -102,10 +102,10 @@ typedef struct mn_session_desc {
                                stood. 0: none. Not with degrade_off */
     mn_weights weights;
     uint32_t width_px, height_px; /* 0: 1280 × 720 */
-    uint64_t nav_ops;             /* operations a frame; 0: no limit */
-    float fps;                    /* virtual time a frame with sim; 0: free */
-    uint32_t front_max;           /* active nodes; 0: from the cap */
-    bool wide_front_over_wanted;  /* resident: compute front_over_wanted each frame (slow) */
+    uint64_t nav_ops;   /* operations a frame, or a single chain of forced splits; 0: no limit */
+    float fps;          /* virtual time a frame with sim; 0: free */
+    uint32_t front_max; /* active nodes; 0: from the cap */
+    bool wide_front_over_wanted; /* resident: compute front_over_wanted each frame (slow) */
     bool closed; /* the caller knows that the input is closed and consistently oriented: checks
                     assert that each edge of each front is used equally often both ways */
     /* That of the first frame; NULL: nobody knows it. With MN_PREFETCH_AHEAD open then reads, and

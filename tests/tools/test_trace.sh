@@ -115,7 +115,20 @@ expect 0 trace a.trace
 grep -q '^misses  ' out.txt || fail "the report has no misses"
 expect 0 trace a.trace --k 40,80 --json
 "$json" reuse <out.txt | grep -q '"k": 80' || fail "--k is not heeded"
-expect 0 replay a.mnt --path dive --frames 20 --store resident --trace a.trace
+
+# --- without a pool: what the run says of it, and no reads, which are before or beside it
+for store in mapped resident; do # K was that of the plan, and prefetch on
+    expect 0 replay a.mnt --path dive --frames 20 --store $store --trace a.trace --json
+    mv out.txt replay.json
+    expect 0 trace a.trace --json
+    mv out.txt trace.json
+    same k store prefetch
+    for key in k k_min reads read_bytes; do
+        [ "$("$json" $key <trace.json)" = null ] || fail "$store: $key is not null"
+    done
+    expect 0 trace a.trace
+    grep -q '^disk  ' out.txt && fail "$store: the report has a disk"
+done
 expect 0 trace a.trace --k 40,80,1000
 
 # --- what cannot be read
