@@ -127,8 +127,11 @@ static uint64_t beside_bytes(const walk *w) {
     return MNI_PROGRAM_BYTES + w->desc->held_bytes + w->stored->arena.size_bytes;
 }
 
-/* Refuses, and names what would do for so much beside the program and the caller. */
-static mn_code too_small(walk *w, uint64_t bytes) {
+/* Refuses, and names what does for blocks as large, as deep and as branched as the header allows,
+ * since how they are is known when all have been read: mostly less would do. */
+static mn_code too_small(walk *w) {
+    const uint64_t marks = marks_bytes(w->ids), blocks = blocks_bytes(&w->header);
+    const uint64_t bytes = blocks + (marks < blocks ? marks : blocks) + ROOM_LEAST;
     return mn_fail(w->st, MN_CAP_TOO_SMALL,
                    "%s: %.1f MB of memory are too few to read it in: try --ram %lluM", w->path,
                    (double)w->desc->ram_bytes / (1 << 20), mni_megabytes(beside_bytes(w) + bytes));
@@ -141,7 +144,7 @@ static mn_code grow(walk *w, void **array, uint32_t needed, uint32_t *room, size
     const uint64_t before = (uint64_t)*room * size;
     const uint64_t wanted = (uint64_t)needed + needed / 8 + 1;
     if (w->held - before + wanted * size > w->room)
-        return too_small(w, marks_bytes(w->ids) + blocks_bytes(&w->header));
+        return too_small(w);
     free(*array);
     *array = malloc(wanted * size);
     w->held = w->held - before + (*array != NULL ? wanted * size : 0);
@@ -714,7 +717,7 @@ static mn_code plan_memory(walk *w) {
     marks = marks_bytes(w->ids);
     w->room = UINT64_MAX / 2;
     if (ram > 0 && ram < beside + ROOM_LEAST)
-        return too_small(w, ROOM_LEAST);
+        return too_small(w);
     if (ram > 0) {
         const uint64_t most = (ram - beside) / 2 / sizeof *w->mark * sizeof *w->mark;
         marks = marks < most ? marks : most;
