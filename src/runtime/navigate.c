@@ -561,18 +561,22 @@ static void clock_advance(mni_navigator *nav, double motion) {
         nav->slot_due[i] = MNI_DUE_NOW;
 }
 
-/* The largest power of two that the eye is away from the model's box, in least distances. A power
- * of two, since whoever has been judged is judged again when the least distance changes. */
-static double box_away(const mni_navigator *nav, const mn_camera *camera) {
+double mni_navigator_to_box(const mni_navigator *nav, const double eye[3]) {
     const mn_header *h = nav->front.header;
     double square = 0;
     for (int i = 0; i < 3; i++) {
-        const double below = (double)h->box_min[i] - (double)camera->eye[i];
-        const double above = (double)camera->eye[i] - (double)h->box_max[i];
+        const double below = (double)h->box_min[i] - eye[i], above = eye[i] - (double)h->box_max[i];
         const double off = fmax(fmax(below, above), 0);
         square += off * off;
     }
-    const double away = sqrt(square) / mni_lens_distance_min(nav->size);
+    return sqrt(square);
+}
+
+/* The largest power of two that the eye is away from the model's box, in least distances. A power
+ * of two, since whoever has been judged is judged again when the least distance changes. */
+static double box_away(const mni_navigator *nav, const mn_camera *camera) {
+    const double eye[3] = {camera->eye[0], camera->eye[1], camera->eye[2]};
+    const double away = mni_navigator_to_box(nav, eye) / mni_lens_distance_min(nav->size);
     return away > 1 ? exp2(floor(log2(away))) : 1;
 }
 

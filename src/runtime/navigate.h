@@ -150,6 +150,8 @@ void mni_navigator_check(mni_navigator *nav);
  * with the grid's error at the nearest point drawn or beneath them; *inside_px: over all of them
  * that are inside. Looks at every triangle: statistics. */
 double mni_navigator_error_px(const mni_navigator *nav, double *inside_px);
+/* From there to the box of the model, than which nothing of it is nearer. */
+double mni_navigator_to_box(const mni_navigator *nav, const double eye[3]);
 /* Nodes of the front over those it would have without forced splits. */
 double mni_navigator_front_over_wanted(const mni_navigator *nav);
 

@@ -122,13 +122,13 @@ static double nearest_drawn(const mni_navigator *nav) {
  * the grid's error at the nearest point beneath it: no point of the input is nearer than what is
  * drawn less the switch value. The sphere of a node with wide triangles may hold the eye though all
  * of them are far from it: so of nodes that are wanted, and stand for want of a block or of room,
- * the switch value counts as near as that too. */
+ * the switch value counts as near as that too. Nor is any nearer than the model's box. */
 static double node_error_px(const mni_navigator *nav, const mni_bounds *node, double grid_px,
-                            double drawn) {
+                            double drawn, double box) {
     const mni_lens *lens = &nav->lens;
     const double least = mni_lens_distance_min(nav->size), value = (double)node->switch_value;
     const double sphere = greater(mni_lens_to_sphere(lens, node), least);
-    const double near = greater(sphere, drawn - value);
+    const double near = greater(sphere, greater(drawn - value, box));
     double error_px = lens->scale_px * value / sphere;
     if (error_px > lens->tolerance_px)
         error_px = greater(lens->tolerance_px, lens->scale_px * value / near);
@@ -138,6 +138,7 @@ static double node_error_px(const mni_navigator *nav, const mni_bounds *node, do
 double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
     const mni_lens *lens = &nav->lens;
     const double drawn = greater(nearest_drawn(nav), mni_lens_distance_min(nav->size));
+    const double box = mni_navigator_to_box(nav, lens->eye);
     const double grid_px = lens->scale_px * (double)mn_grid_error(nav->front.header->grid_step);
     double most =
         grid_px / drawn; /* beneath leaves: their triangles are drawn, and have no sphere */
@@ -146,7 +147,7 @@ double mni_navigator_error_px(const mni_navigator *nav, double *inside_px) {
         if (!mni_front_is_active(&nav->front, slot))
             continue;
         const mni_bounds bounds = mni_front_bounds(&nav->front, slot);
-        const double error_px = node_error_px(nav, &bounds, grid_px, drawn);
+        const double error_px = node_error_px(nav, &bounds, grid_px, drawn, box);
         if (error_px <= most || !mni_lens_inside(lens, &bounds))
             continue;
         *inside_px = fmax(*inside_px, error_px);

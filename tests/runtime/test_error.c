@@ -211,6 +211,34 @@ START_TEST(its_own_tolerance_asks_for_nothing) {
 }
 END_TEST
 
+/* Of a front that is next to nothing the spheres hold the eye, and what is drawn may be behind it;
+ * nothing of the model is nearer than its box all the same. (2.5e9 pixels were told.) */
+START_TEST(nothing_is_nearer_than_the_box) {
+    model m;
+    model_make(&m, shapes[_i], TRIANGLES, &levels_5);
+    mn_session_desc desc = model_desc(&m);
+    desc.triangles_max = 1;
+    mn_session *s = model_open(&desc);
+    for (int i = 0; i < CAMERAS; i++) {
+        const mn_camera camera = model_camera(&m, model_uniform(0, 1), exp(model_uniform(1, 3)));
+        mn_frame_stats stats;
+        double square = 0;
+        for (int k = 0; k < 3; k++) {
+            const double eye = (double)camera.eye[k], low = (double)m.header.box_min[k];
+            const double off = fmax(low - eye, eye - (double)m.header.box_max[k]);
+            square += off > 0 ? off * off : 0;
+        }
+        mn_session_frame(s, &camera, &stats);
+        /* no switch value is larger than twice the model across */
+        ck_assert_double_le(stats.error_inside_px * mn_grid_error(m.header.grid_step),
+                            grid_px_at(&m, sqrt(square)) *
+                                (4 * size_of(&m) + mn_grid_error(m.header.grid_step)));
+    }
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
 int main(void) {
     Suite *suite = suite_create("error");
     TCase *tc = tcase_create("error");
@@ -218,6 +246,7 @@ int main(void) {
     tcase_add_loop_test(tc, what_is_whole_is_off_by_the_grid, 0, SHAPES);
     tcase_add_test(tc, what_is_flat_is_off_by_the_grid);
     tcase_add_loop_test(tc, its_own_tolerance_asks_for_nothing, 0, SHAPES);
+    tcase_add_loop_test(tc, nothing_is_nearer_than_the_box, 0, SHAPES);
     suite_add_tcase(suite, tc);
     return suite_run(suite);
 }
