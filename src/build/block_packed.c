@@ -17,8 +17,8 @@
  * - So that this one is full too, a run is fitted: its block and those below it are packed for
  *   trial, and the run given subtrees or relieved of some until they come to whole blocks. What
  *   each whole subtree takes is measured once and added up, so a trial does not look at most nodes
- *   again. The last run, which has what the others left, goes without its own block where that
- * saves one.
+ *   again. In long blocks the last run, which has what the others left, goes without its own block
+ *   where that saves one.
  *
  * Hides: the grouping, and the room kept for references, whose number is known only after the exits
  * are grouped: a block that then turns out too long is filled again with more room kept.
@@ -39,12 +39,13 @@ enum {
     FITTINGS_MAX = 5, /* trials of one run */
     ENDED_TIMES = 14, /* nodes below a block, for one in it, that end in blocks right below it */
     ENDING_MOST = 4,  /* blocks of a last run that may end whole; of more, each would be narrow */
-    SMALL_NODES = 1,  /* of a subtree that goes with its parent wherever that is */
-    SMALL_NODES_MAX = 15, /* where a run needs a little less room */
-    MEASURES = 4096,      /* kept: those of the runs of a block of 8 KiB */
-    NODE_BYTES_LEAST = 8, /* a whole subtree with less for each node is not looked for */
-    CUT_STEPS = 32,       /* ends of a run are tried that are a 32nd of it apart */
-    WHOLE = INT32_MAX,    /* run.small of a block that ends all its subtrees */
+    ENDING_LEAST = 9 << 10, /* bytes of a block, for that: of shorter ones each is narrow */
+    SMALL_NODES = 1,        /* of a subtree that goes with its parent wherever that is */
+    SMALL_NODES_MAX = 15,   /* where a run needs a little less room */
+    MEASURES = 4096,        /* kept: those of the runs of a block of 8 KiB */
+    NODE_BYTES_LEAST = 8,   /* a whole subtree with less for each node is not looked for */
+    CUT_STEPS = 32,         /* ends of a run are tried that are a 32nd of it apart */
+    WHOLE = INT32_MAX,      /* run.small of a block that ends all its subtrees */
 };
 /* References kept room for: a share of exits, and how many at most; the last always suffices. A
  * block has as many blocks below it whatever its length, so at first only what four bits say. */
@@ -535,7 +536,8 @@ static mn_code end_run(mni_packer *p, exit_list *x, uint32_t first, const outcom
                        bool *ended) {
     outcome out = {0};
     mn_code code = MN_OK;
-    if (fitted->blocks > 0 && fitted->blocks <= ENDING_MOST && fitted->last < ENDING_SAVES)
+    if (p->limit >= ENDING_LEAST && fitted->blocks > 0 && fitted->blocks <= ENDING_MOST &&
+        fitted->last < ENDING_SAVES)
         code = end_all(p, x, first, false, &out);
     *ended = out.blocks > 0 && out.blocks < fitted->blocks;
     return code == MN_OK && *ended ? end_all(p, x, first, true, &out) : code;
