@@ -170,11 +170,12 @@ static void split_agenda(mni_navigator *nav) {
 }
 
 /* Errors fall: the first that finds no room is the largest, and who comes after many is no larger
- * than any of them. */
+ * than any of them. In a front of a few nodes one is many, but the first is never: whether there
+ * is one tells that something finds no room. */
 static void no_room(mni_navigator *nav, mni_agenda_item item) {
     mni_work *work = &nav->work;
     const uint64_t before = work->refused_pool + work->refused_front;
-    const bool crowd = before >= nav->front.active / REFUSED_CROWD_SHARE;
+    const bool crowd = work->refused.px > 0 && before >= nav->front.active / REFUSED_CROWD_SHARE;
     mni_level_refused *refused = crowd ? &work->crowd : &work->refused;
     if (refused->px > 0)
         return;

@@ -173,6 +173,27 @@ START_TEST(degrading) {
 }
 END_TEST
 
+/* A target for which a front of a few nodes is too much: the tolerance gives way as for any other.
+ * (With less than four nodes whoever was refused first was taken for one of many, and nothing was
+ * said to have found no room.) */
+START_TEST(degrading_to_nothing) {
+    model m;
+    model_make(&m, (model_shape)_i, 3000, &levels_4);
+    mn_session_desc desc = model_desc(&m);
+    desc.triangles_max = 1;
+    mn_session *s = model_open(&desc);
+    for (int i = 0; i < 20; i++) {
+        mn_camera camera = random_camera(&m);
+        ck_assert_uint_lt(mn_session_settle(s, &camera, ENOUGH), ENOUGH);
+        mn_frame_stats f = frame(s, camera);
+        ck_assert(!f.changed && f.triangles <= 1);
+        ck_assert_uint_eq(f.refused_front, 0);
+    }
+    mn_session_close(s);
+    model_free(&m);
+}
+END_TEST
+
 /* A moving camera over a front that is too small: never a jump of more than a step, but for the
  * first front. */
 START_TEST(degrading_in_motion) {
@@ -317,6 +338,7 @@ int main(void) {
     tcase_add_loop_test(tc, slow_flight, 0, MODEL_SHAPES);
     tcase_add_test(tc, budget);
     tcase_add_test(tc, degrading);
+    tcase_add_loop_test(tc, degrading_to_nothing, 0, MODEL_SHAPES);
     tcase_add_test(tc, degrading_in_motion);
     tcase_add_test(tc, degrading_among_slivers);
     tcase_add_loop_test(tc, target, 0, MODEL_SHAPES);
