@@ -206,7 +206,7 @@ void mn_session_set_triangles_max(mn_session *session, uint64_t triangles_max);
 void mn_session_set_weights(mn_session *session, const mn_weights *weights);
 /* Between frames, `paged`: takes a chunk of place holders out of service and gives its memory back
  * to the system, or into service again. false: not now (what is in use needs them all), or there is
- * none. Allocates nothing. */
+ * none. Allocates nothing. The next frame counts as one of a camera that moves. */
 bool mn_session_shrink(mn_session *session);
 bool mn_session_grow(mn_session *session);
 bool mn_session_at_roots(const mn_session *session);
