@@ -496,20 +496,26 @@ START_TEST(chunks_retire_and_return) {
 }
 END_TEST
 
+/* 1,365 blocks, each with four below it, and so many places. */
+static void walker_on_many(walker *w, mn_blocking blocking, uint32_t k) {
+    const made_desc made = {.seed = 5,
+                            .blocks = 1365,
+                            .depth_max = 6,
+                            .fanout_max = 4,
+                            .pages_max = 1,
+                            .regular = true,
+                            .blocking = blocking};
+    const mni_store_desc desc = {
+        .kind = MN_STORE_PAGED, .io = MN_IO_SIM, .k = k, .io_serial = true};
+    made_file_make(&file, &made);
+    ck_assert(walker_open(w, &file, desc));
+}
+
 /* How full it is, is of the places in service: the same root takes a larger share of fewer. */
 START_TEST(fewer_places_fill_sooner) {
-    made_desc made = {.seed = 5,
-                      .blocks = 1365,
-                      .depth_max = 6,
-                      .fanout_max = 4,
-                      .pages_max = 1,
-                      .regular = true,
-                      .blocking = (mn_blocking)_i};
-    made_file_make(&file, &made);
     walker w;
-    mni_store_desc desc = {.kind = MN_STORE_PAGED, .io = MN_IO_SIM, .k = 1300, .io_serial = true};
-    ck_assert_uint_gt(file.header.blocks, desc.k);
-    ck_assert(walker_open(&w, &file, desc));
+    walker_on_many(&w, (mn_blocking)_i, 1300);
+    ck_assert_uint_gt(file.header.blocks, 1300);
     walker_settle(&w, 0, 100);
     const double fill = mni_store_fill(w.store);
     ck_assert(fill > 0 && fill < 0.01);
@@ -525,25 +531,16 @@ END_TEST
 /* As many places as blocks: there is room for whatever was refused while there were fewer. (A chain
  * that had needed more than the places that were left stood refused.) */
 START_TEST(a_place_for_each_is_room_for_all) {
-    made_desc made = {.seed = 5,
-                      .blocks = 1365,
-                      .depth_max = 6,
-                      .fanout_max = 4,
-                      .pages_max = 1,
-                      .regular = true,
-                      .blocking = (mn_blocking)_i};
-    made_file_make(&file, &made);
     walker w;
-    mni_store_desc desc = {.kind = MN_STORE_PAGED, .io = MN_IO_SIM, .k = 1400, .io_serial = true};
-    ck_assert_uint_lt(file.header.blocks, desc.k);
-    ck_assert(walker_open(&w, &file, desc));
+    walker_on_many(&w, (mn_blocking)_i, 1400);
+    ck_assert_uint_lt(file.header.blocks, 1400);
     walker_settle(&w, 31, 100);
-    ck_assert_int_gt(mni_store_room(w.store), desc.k);
+    ck_assert_int_gt(mni_store_room(w.store), 1400);
     walker_settle(&w, 0, 100);
     ck_assert(mni_store_shrink(w.store));
-    ck_assert_int_lt(mni_store_room(w.store), desc.k);
+    ck_assert_int_lt(mni_store_room(w.store), 1400);
     ck_assert(mni_store_grow(w.store));
-    ck_assert_int_gt(mni_store_room(w.store), desc.k);
+    ck_assert_int_gt(mni_store_room(w.store), 1400);
     walker_close(&w);
     made_file_free(&file);
 }
